@@ -1,11 +1,11 @@
-//! Bad input gives a clear error and the right exit code, and leaves no half-written files.
+//! Tests bad input: each program run ends with a clear error and the right exit code, and leaves no unfinished files.
 
 use std::fs;
 use std::path::Path;
 
 use crate::common::{names, roadplane, root};
 
-/// Runs an input that must be refused with this exit code, and returns the messages of the program.
+/// Runs an input that the program must reject with this exit code. Returns the messages of the program.
 fn refused(input: &Path, code: i32, arguments: &[&str]) -> String {
     let out = tempfile::tempdir().unwrap();
     let assert =
@@ -43,7 +43,7 @@ fn a_truncated_mp4_is_refused_or_read_as_far_as_it_goes() {
     let cut = folder.path().join("cut.mp4");
     fs::write(&cut, &whole[..whole.len() / 10]).unwrap();
     let out = folder.path().join("out");
-    // The second run may find a finished result: a damaged input still gives the code of a damaged input.
+    // The second run may find a finished result. Its exit code is the same, because the input is damaged.
     for _ in 0..2 {
         let run = roadplane()
             .arg("run")
@@ -77,7 +77,7 @@ fn a_model_with_one_flipped_byte_is_refused() {
     for name in names(&root().join("models")) {
         fs::copy(root().join("models").join(&name), models.path().join(&name)).unwrap();
     }
-    // The processor determines which of them runs.
+    // Both nets are damaged, because the processor determines which of them runs.
     for net in ["hourglass.onnx", "hourglass.int8.onnx"].map(|name| models.path().join(name)) {
         let mut bytes = fs::read(&net).unwrap();
         let middle = bytes.len() / 2;

@@ -1,4 +1,4 @@
-//! `roadplane-lab bench`: all rows exist, and all numbers are plausible. The speed itself is not tested.
+//! Tests `roadplane-lab bench`: all rows are present, and all numbers are plausible. The speed itself is not tested.
 
 use crate::common::{lab, names, number, root};
 

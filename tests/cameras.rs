@@ -1,4 +1,4 @@
-//! The camera database from night to night.
+//! Tests the camera database over several nights.
 
 use std::fs;
 use std::path::Path;
@@ -9,11 +9,11 @@ use serde_json::Value;
 
 use crate::common::{json, number, roadplane, root};
 
-/// Number of frames of a night.
+/// Number of frames of each night.
 const FRAMES: u64 = 10;
 
-/// Writes a night: frames of the demo clip as a folder of images, as a camera sees them that is turned upwards by an
-/// angle.
+/// Writes frames of the demo clip as a folder of images, which stands for one night. The images show the view of a
+/// camera that is turned upwards by an angle (rad).
 fn night(folder: &Path, start_s: f64, turned_rad: f64) {
     fs::create_dir_all(folder).unwrap();
     let options = DecodeOptions { start_s, stride: 3, max_frames: Some(FRAMES), ..DecodeOptions::default() };
@@ -26,7 +26,8 @@ fn night(folder: &Path, start_s: f64, turned_rad: f64) {
     }
 }
 
-/// Returns the picture as a camera sees it that is turned upwards. Its border continues outside the old picture.
+/// Returns the picture of a camera that is turned upwards by an angle (rad). Pixels outside the old picture repeat its
+/// border.
 fn turned(image: &RgbImage, focal_px: f64, angle: f64) -> RgbImage {
     let (width, height) = image.dimensions();
     let (cx, cy) = ((f64::from(width) - 1.0) / 2.0, (f64::from(height) - 1.0) / 2.0);
@@ -49,17 +50,17 @@ fn run(inputs: &[&Path], out: &Path, cameras: &Path) {
     run_with(&[], inputs, out, cameras);
 }
 
-/// Runs with more arguments, and returns the messages.
+/// Runs the program with additional arguments, and returns its messages.
 fn run_with(arguments: &[&str], inputs: &[&Path], out: &Path, cameras: &Path) -> String {
     let mut command = roadplane();
     command.arg("run").args(arguments).args(inputs).arg("--out").arg(out).arg("--cameras").arg(cameras);
-    // Each clip has its own lines of the scene; these tests need cars only.
+    // These tests use cars only, so lines of the scene are switched off.
     command.args(["--set", "decode.image_fps=10", "--set", "solve.use_verticals=false"]);
     let done = command.args(["--camera-id", "{}_*"]).assert().code(0);
     String::from_utf8(done.get_output().stderr.clone()).unwrap()
 }
 
-/// Returns the epochs of the camera `lot`, as `roadplane cameras show` prints them.
+/// Returns the epochs of the camera `lot`, as printed by `roadplane cameras show`.
 fn shown(cameras: &Path) -> Vec<Value> {
     let output = roadplane().args(["cameras", "show", "--json"]).arg(cameras).arg("lot").output().unwrap();
     let text = String::from_utf8(output.stdout).unwrap();
@@ -81,7 +82,7 @@ fn a_camera_is_stored_for_the_next_night_and_a_turn_begins_an_epoch() {
     let epochs = shown(&cameras);
     assert_eq!(epochs.len(), 1, "{epochs:?}");
     assert_eq!(epochs[0]["clips"].as_array().unwrap().len(), 2);
-    // The same cars are parked on both nights: they count once.
+    // The same cars are parked on both nights, so the second night adds no information about them.
     let first = json(&at("out/lot_20260101T220000/camera.json"));
     let second = json(&at("out/lot_20260102T220000/camera.json"));
     let sd = |camera: &Value| number(&camera["focal_sd_px"]) / number(&camera["focal_px"]);
@@ -102,7 +103,7 @@ fn a_camera_is_stored_for_the_next_night_and_a_turn_begins_an_epoch() {
     let change = tilt(&epochs[0]) - tilt(&epochs[1]);
     assert!((change - turn).abs() < 0.6_f64.to_radians(), "{}°", change.to_degrees());
 
-    // The same evidence from the results, in another order, gives the same camera database to the byte.
+    // A merge of the results, in another order, gives the same bytes in the camera database.
     let merged = at("merged");
     roadplane().args(["cameras", "merge"]).arg(at("out")).arg("--out").arg(&merged).assert().code(0);
     let contents = |folder: &Path| -> Vec<_> {
@@ -113,8 +114,8 @@ fn a_camera_is_stored_for_the_next_night_and_a_turn_begins_an_epoch() {
     };
     assert_eq!(contents(&merged), contents(&cameras));
 
-    // A clip is not evidence for itself: with all clips stored, the first night uses the second alone. A wide guess of
-    // the height must not repeat the message.
+    // A run does not use the stored evidence of its own clip. So the first night uses only the second night from the
+    // database. The message must appear only once, in spite of the uncertain height.
     let said = run_with(&["--height-m", "8±3"], &[&nights[0]], &at("again"), &merged);
     assert_eq!(said.matches("the camera database has").count(), 1, "{said}");
     let again = json(&at("again/lot_20260101T220000/camera.json"));

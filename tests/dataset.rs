@@ -1,4 +1,5 @@
-//! `roadplane-lab eval dataset` on a tenth of the committed data set: the paper's tables, all rows, in the right order.
+//! Tests `roadplane-lab eval dataset` on a tenth of the data set in the repository. The tables of Li et al., *Car Pose
+//! in Context*, must have all rows, in the right order of accuracy.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -7,7 +8,7 @@ use crate::common::{lab, names, root};
 
 type Rows = BTreeMap<String, BTreeMap<String, f64>>;
 
-/// Returns the rows of a table by system, each by column.
+/// Reads the rows of a table by the name of the system. Each row has its numbers by column.
 fn rows(path: &Path) -> Rows {
     let mut reader = csv::Reader::from_path(path).unwrap();
     let cells = reader.deserialize().map(|row| -> BTreeMap<String, String> { row.unwrap() });
@@ -46,7 +47,8 @@ fn a_tenth_of_the_data_set_gives_the_papers_tables() {
         let of_true_ground = within(&add, "(true ground", ground_limit);
         let add = |system: &str| within(&add, system, "0.4 d, %");
         let viewpoint = |system: &str| within(&viewpoint, system, "0.14 rad, %");
-        // The plane must beat each car alone, by our solver or by the baselines.
+        // Solutions with a common ground plane must be better than those of single cars, both by this project's solver
+        // and by the baselines.
         for alone in ["1", "2", "3"] {
             assert!(add("4") > add(alone) + 5.0, "{keypoints}: {} {}", add("4"), add(alone));
             assert!(viewpoint("4") >= viewpoint(alone), "{keypoints}: {}", viewpoint("4"));

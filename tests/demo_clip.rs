@@ -1,4 +1,4 @@
-//! A run of the clip in the repository, compared with its truth.
+//! Runs the demo clip of the repository, and compares the result with the truth.
 
 use std::collections::BTreeMap;
 use std::f64::consts::PI;
@@ -41,7 +41,7 @@ fn the_demo_clip_is_solved() {
     let height = number(&camera["height_m"]) / number(&truth["camera"]["height_m"]);
     assert!((0.85..1.2).contains(&height), "height {height} of the truth");
 
-    // Every true car that is well visible has a track near it, with the same heading.
+    // Every well visible true car must have a track near it, with the same heading.
     let mut of_frame: BTreeMap<u64, Vec<Value>> = BTreeMap::new();
     for row in json_lines(&result.join("tracks.jsonl")) {
         of_frame.entry(row["frame"].as_u64().unwrap()).or_default().push(row);
@@ -81,7 +81,7 @@ fn the_demo_clip_is_solved() {
     let summary = json(&result.join("summary.json"));
     assert_eq!(summary["counts"]["frames_lost"], 0);
 
-    // The tables of `roadplane-lab eval run` agree.
+    // The tables of `roadplane-lab eval run` must agree with these numbers.
     let tables = out.path().join("tables");
     let mut eval = lab();
     eval.args(["eval", "run"]).arg(&result).arg("--out").arg(&tables);
@@ -102,7 +102,7 @@ fn the_demo_clip_is_solved() {
     let page = std::fs::read_to_string(tables.join("report.html")).unwrap();
     assert_eq!(page.matches("<svg").count(), 3);
 
-    // A second run gives the same bytes. An existing result is only replaced on request.
+    // A second run must give the same bytes. The program replaces an existing result only on request.
     run(&[]).code(2);
     let first = std::fs::read(result.join("tracks.csv")).unwrap();
     run(&["--overwrite"]).code(0);

@@ -1,4 +1,4 @@
-//! End-to-end tests: `roadplane` on real and rendered input, and on bad input.
+//! End-to-end tests of the program `roadplane`, on real input, rendered input and bad input.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 

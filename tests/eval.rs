@@ -1,4 +1,4 @@
-//! `roadplane-lab eval`: its tables are printed, written, and correct.
+//! Tests `roadplane-lab eval`: its tables are printed and written, and their numbers are right.
 
 use crate::common::{first_row, json, lab, names, roadplane, root, shared};
 
@@ -22,7 +22,7 @@ fn the_keypoint_net_is_accurate_on_labelled_real_cars() {
         assert!(printed.contains("virat_0401") && printed.contains("windscreen_top"), "{printed}");
         let row = first_row(&out.path().join("01-keypoints.csv"));
         assert_eq!(row["cars"], 9.0);
-        // Guards against a loss of accuracy; models/hourglass.md lists the exact numbers.
+        // These limits detect a loss of accuracy. The exact numbers are in models/hourglass.md.
         assert!(row["median, %"] < 3.0 && row["PCK@0.1, %"] > 95.0, "{row:?}");
         assert_eq!(row["left/right"] + row["front/back"] + row["turned round"], 0.0);
     }
@@ -73,7 +73,8 @@ fn a_run_is_compared_with_a_camera_or_with_boxes_alone() {
         .args(["--set", "decode.max_frames=1"])
         .assert()
         .code(0);
-    // The camera is 10 m up and tilted by 0.3 rad. The first picture has the run's size, the second another one.
+    // The camera is 10 m above the ground and tilted by 0.3 rad. The first file has the picture size of the run. The
+    // second file has another size.
     let camera = |cx: f64, cy: f64| {
         let (sin, cos) = 0.3f64.sin_cos();
         format!(
@@ -100,7 +101,7 @@ fn a_run_is_compared_with_a_camera_or_with_boxes_alone() {
     assert!(stderr.contains("1280 × 720") && stderr.contains("1920 × 1080"), "{stderr}");
     eval("none.json").code(3);
 
-    // The same run against boxes alone: the boxes of the first frame's cars, as a KPF file.
+    // The same run is compared with boxes alone: the boxes of the first frame's cars, as a KPF file.
     let truth = json(&root().join("tests/data/lot.truth.json"));
     let (mut boxes, mut types) = (String::new(), String::new());
     for car in truth["frames"][0]["cars"].as_array().unwrap() {
@@ -136,7 +137,7 @@ fn a_copy_of_kitti_is_evaluated() {
         lab().args(["eval", "kitti"]).arg(folder).arg("--out").arg(folder.join("out")).assert()
     };
     eval(folder.path()).code(0);
-    // Five cars of the only image with more than three vehicles. A grey picture shows no car.
+    // The only image with more than three vehicles has five cars. The picture is grey, so no car is detected.
     let row = first_row(&folder.path().join("out/01-table-3-add-kitti.csv"));
     assert_eq!(row["cars"], 5.0);
     assert!(row["0.1 d, %"] < 50.0, "{row:?}");

@@ -1,4 +1,5 @@
-//! `roadplane export`: errors, and runs with a position on the map. The tests of its crate check the files.
+//! Tests `roadplane export`: errors, and runs with a position on the map. The tests of the crate `export` check the
+//! files.
 
 use nalgebra::Matrix4;
 use roadplane_base::{CameraEstimate, CameraParams, CameraStatus, GroundPose, ImageSize};
@@ -40,7 +41,8 @@ fn a_folder_that_is_no_run_is_named() {
     assert_eq!(names(dir.path()), Vec::<String>::new());
 }
 
-/// Returns a place of the demo clip's camera on the map, its true camera, and ground points surveyed there.
+/// Returns a made-up map position of the demo clip's camera, the true camera, and the text of a file of surveyed
+/// points.
 fn surveyed_lot(truth: &Value) -> (Place, CameraEstimate, String) {
     let camera = &truth["camera"];
     let size = ImageSize::from([1280, 720]);
@@ -86,7 +88,7 @@ fn a_run_with_surveyed_points_has_tracks_on_the_map() {
     run("--camera-at", "51.05,13.74".as_ref()).code(2);
     run("--geo", file.as_os_str()).code(0);
     let result = dir.path().join("lot");
-    // The points determine the camera better than cars do.
+    // The surveyed points determine the camera more precisely than the cars do.
     let fit = json(&result.join("place.json"));
     assert!((number(&fit["focal_px"]) / camera.params.focal_px() - 1.0).abs() < 0.01, "{fit}");
     assert_eq!(fit["zone"], "33N");
@@ -110,7 +112,8 @@ fn a_run_with_surveyed_points_has_tracks_on_the_map() {
     println!("on the map: median {median:.2} m of {} rows", errors.len());
     assert!(errors.len() > 100 && median < 0.4, "{median}");
 
-    // GeoJSON has the same positions, and an export does so too without the points.
+    // The file tracks.geojson has the same positions. An export reads the map position from the run, so it does not
+    // need the points.
     let lines = json(&result.join("tracks.geojson"));
     let out = dir.path().join("out");
     roadplane().arg("export").arg(&result).args(["--format", "geojson", "--out"]).arg(&out).assert().code(0);
@@ -128,8 +131,8 @@ fn a_run_with_surveyed_points_has_tracks_on_the_map() {
     assert_eq!(twice.unwrap().status.code(), Some(2));
 }
 
-/// Returns five surveyed points of `road_survey.mp4`: pixel, east and north in UTM zone 32 (see the README of the
-/// clips).
+/// Returns the five surveyed points of `road_survey.mp4`: pixel x and y, and east and north in UTM zone 32. The README
+/// of the clips describes the survey.
 fn survey() -> Vec<[f64; 4]> {
     let table = include_str!("data/road_survey.csv");
     let point = |line: &str| -> [f64; 4] {
@@ -139,7 +142,8 @@ fn survey() -> Vec<[f64; 4]> {
     table.lines().skip(1).map(point).collect()
 }
 
-/// Three points give the position of the camera, and the other two are predicted, for all ten choices.
+/// Three of five surveyed points give the map position of the camera, and the other two points are predicted. The test
+/// does this for all ten choices.
 #[test]
 #[ignore = "reads ../shared/data, which not everybody has; scripts/test runs it where it is"]
 fn surveyed_points_that_were_not_given_are_predicted_within_their_sds() {
@@ -176,6 +180,6 @@ fn surveyed_points_that_were_not_given_are_predicted_within_their_sds() {
         "all five: focal {:.0} ± {:.0} px, height {:.2} ± {:.2} m",
         all.focal_px, all.focal_sd_px, all.height_m, all.height_sd_m
     );
-    // The survey alone, evaluated by others: 613 ± 18 px, 3.95 m.
+    // Other people evaluated the survey alone, and found 613 ± 18 px and 3.95 m.
     assert!((all.focal_px - 613.0).abs() < 2.0 * 18.0 && (all.height_m - 3.95).abs() < 0.2);
 }

@@ -1,6 +1,7 @@
-//! The output of each stage for three frames of the demo clip: pixels, boxes, keypoints, camera and tracks.
+//! Compares the output of each stage with stored values, for three frames of the demo clip. The stages give pixels,
+//! boxes, keypoints, camera and tracks.
 //!
-//! It is compared with stored values, which somebody checked. To store new ones:
+//! A person has checked the stored values. This command stores new values:
 //! `ROADPLANE_GOLDEN=write cargo test -p roadplane --test e2e golden_chain`.
 
 use std::fs;
@@ -13,7 +14,7 @@ use crate::common::{json, json_lines, roadplane, root};
 
 const FRAMES: u64 = 3;
 
-/// Largest difference from the file, by field. Nets in f32 differ between processors in the last digits.
+/// Largest difference from the stored value, by field. The last digits of nets in f32 differ between processors.
 const TOLERANCES: [(&str, f64); 9] = [
     ("bbox_px", 0.5),
     ("score", 0.01),
@@ -32,7 +33,7 @@ fn chain() -> Value {
         open(&clip, &DecodeOptions { max_frames: Some(FRAMES), ..DecodeOptions::default() }).unwrap();
     let mut pictures = Vec::new();
     while let Some(frame) = input.next_frame().unwrap() {
-        // A sum for every frame (FNV-1a), as in FFmpeg's FATE.
+        // Each frame has a checksum (FNV-1a), as in the tests of FFmpeg (FATE).
         let sum = frame.image.as_raw().iter().fold(0xcbf2_9ce4_8422_2325_u64, |sum, byte| {
             (sum ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
         });
@@ -71,7 +72,8 @@ fn chain() -> Value {
     })
 }
 
-/// Adds every difference beyond its tolerance to `found`. `field` is the name of the innermost field.
+/// Adds each difference that exceeds its tolerance to `found`. `field` is the name of the innermost field, and `path`
+/// is the full path to it.
 fn differences(kept: &Value, now: &Value, field: &str, path: &str, found: &mut Vec<String>) {
     match (kept, now) {
         (Value::Object(a), Value::Object(b)) if a.keys().eq(b.keys()) => {

@@ -1,4 +1,4 @@
-//! End-to-end tests of the laboratory: `roadplane-lab` on given, rendered and generated data.
+//! End-to-end tests of the program `roadplane-lab`, on given, rendered and generated data.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 

@@ -1,5 +1,7 @@
-//! Texts that users see, as snapshots: help, errors and the log of a run. After a wanted change:
-//! `INSTA_UPDATE=always cargo test --release -p roadplane --test e2e messages`, then read the difference.
+//! Compares texts that users read with snapshots: help, errors and the log of a run.
+//!
+//! After an intended change, run `INSTA_UPDATE=always cargo test --release -p roadplane --test e2e messages`. Then
+//! review the difference.
 
 use std::path::Path;
 
@@ -8,7 +10,7 @@ use crate::common::roadplane;
 /// The commands that `roadplane --help` shows.
 const COMMANDS: [&str; 11] =
     ["run", "render", "distance", "cameras", "plan", "join", "export", "copy", "schemas", "stage", "doctor"];
-/// Commands of older versions, which still work.
+/// Commands of older versions. They still work, but the help does not list them.
 const HIDDEN: [&str; 10] =
     ["detect", "keypoints", "solve", "track", "activity", "eval", "bench", "synth", "man", "completions"];
 
@@ -17,14 +19,14 @@ fn help(arguments: &[&str]) -> String {
     String::from_utf8(done.get_output().stdout.clone()).unwrap()
 }
 
-/// Runs a command that must fail with this exit code; returns its messages without times.
+/// Runs a command that must fail with this exit code. Returns its messages without times.
 fn error(arguments: &[&str], code: i32) -> String {
     let failed = roadplane().args(arguments).assert().code(code);
     without_times(&String::from_utf8(failed.get_output().stderr.clone()).unwrap())
 }
 
-/// Removes the time before each log line, and lines that depend on the processor or its load: the precision of the
-/// nets, and the progress, which appears after ten seconds.
+/// Removes the time from each line of a log, and removes lines that depend on the processor or its load. These lines
+/// show the precision of the nets, and the progress, which appears after ten seconds.
 fn without_times(log: &str) -> String {
     let line = |line: &str| match line.split_once("Z ") {
         Some((time, rest)) if time.starts_with("20") => format!("{rest}\n"),
@@ -86,7 +88,7 @@ fn the_log_of_a_run() {
     let done =
         roadplane().arg("run").arg(clip).args(["--out", folder, "--height-m", "20±0.1"]).assert().code(0);
     let log = without_times(&String::from_utf8(done.get_output().stderr.clone()).unwrap());
-    // The precision of the nets depends on the processor, and so do the last digits.
+    // The precision of the nets depends on the processor. So the last digits of numbers differ between processors.
     let log = log.replace(folder, "OUT");
     let mut text: Vec<char> = log.chars().map(|c| if c.is_ascii_digit() { '0' } else { c }).collect();
     text.dedup_by(|next, last| *next == '0' && *last == '0');

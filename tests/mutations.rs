@@ -1,7 +1,8 @@
-//! Damaged inputs of every kind, made by a mutation library. Reading them ends in time, with a result or an error.
+//! Tests damaged inputs of all kinds, which a mutation library creates. Each read must end in time, with a result or an
+//! error.
 //!
-//! The set is fixed. For more, `ROADPLANE_MUTATE_S=600 cargo test --release -p roadplane --test mutations` spends that
-//! many seconds on each kind.
+//! The set of damaged inputs is fixed. The command `ROADPLANE_MUTATE_S=600 cargo test --release -p roadplane --test
+//! mutations` tests more of them: it spends that many seconds on each kind.
 
 #![allow(missing_docs, clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
@@ -20,9 +21,9 @@ use roadplane_pipeline::{
 use roadplane_write::read_constraints;
 use serde_json::{Value, json};
 
-/// Longest time that reading an input may take.
+/// Longest time for reading one input.
 const PATIENCE: Duration = Duration::from_secs(120);
-/// Largest growth of the process after many inputs, KiB.
+/// Largest growth of the process's memory over many inputs, KiB.
 const MAY_GROW_KIB: u64 = 100 << 10;
 /// Number of frames that are read from a video.
 const FRAMES: usize = 12;
@@ -31,7 +32,7 @@ fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../..").canonicalize().unwrap()
 }
 
-/// Adds one kind of damage.
+/// Adds a mutation to the candidates. `change` damages the input.
 fn damage(c: &mut Candidates<'_>, mut change: impl FnMut(&mut Context)) -> mutatis::Result<()> {
     c.mutation(|ctx| {
         change(ctx);
@@ -39,19 +40,20 @@ fn damage(c: &mut Candidates<'_>, mut change: impl FnMut(&mut Context)) -> mutat
     })
 }
 
-/// Returns a random index below a positive length.
+/// Returns a random index below `len`, which must be positive.
 fn index(ctx: &mut Context, len: usize) -> usize {
     ctx.rng().gen_index(len).unwrap_or(0)
 }
 
-/// Returns a random range below a positive length.
+/// Returns a random range of indices below `len`, which must be positive.
 fn range(ctx: &mut Context, len: usize) -> Range<usize> {
     let at = index(ctx, len);
     let longest = [1, 4, 64, 4096][index(ctx, 4)];
     at..(at + longest).min(len)
 }
 
-/// Mutations of bytes: changed, cut off, zeroed, lost, doubled, or replaced by bytes that are hard to parse.
+/// Mutations of bytes: bytes are changed, cut off, zeroed, removed, doubled, or replaced by bytes that are hard to
+/// parse.
 struct Bytes;
 
 impl Mutate<Vec<u8>> for Bytes {
@@ -78,7 +80,7 @@ impl Mutate<Vec<u8>> for Bytes {
     }
 }
 
-/// Mutations of JSON into other JSON: wrong numbers, texts, lists and fields.
+/// Mutations that turn JSON into other valid JSON, with wrong numbers, texts, lists and fields.
 struct Json;
 
 impl Mutate<Value> for Json {
@@ -111,8 +113,8 @@ impl Mutate<Value> for Json {
     }
 }
 
-/// Returns the `number`th damaged input. Every second JSON input remains JSON, line by line. The others are damaged
-/// bytes.
+/// Returns the damaged input with this number. If the inputs are JSON, every second round of damaged inputs is still
+/// valid JSON, line by line. All other damaged inputs have damaged bytes.
 fn damaged(sound: &[Vec<u8>], number: u64, is_json: bool) -> Vec<u8> {
     let mut session = Session::new().seed(number);
     let round = number as usize / sound.len();
@@ -141,7 +143,8 @@ fn resident_kib() -> u64 {
     line.split_whitespace().nth(1).unwrap().parse().unwrap()
 }
 
-/// Damages the sound inputs in turn, `count` times or for the requested time. `read` returns whether it got a result.
+/// Damages the sound inputs in turn, `count` times or for the requested number of seconds. `read` reads a damaged
+/// input, and returns whether the read succeeded.
 fn mutate(kind: &str, sound: &[Vec<u8>], count: u64, read: impl Fn(&Path) -> bool) {
     let long_s = std::env::var("ROADPLANE_MUTATE_S").ok().map(|seconds| seconds.parse::<u64>().unwrap());
     let is_json =
@@ -171,7 +174,7 @@ fn mutate(kind: &str, sound: &[Vec<u8>], count: u64, read: impl Fn(&Path) -> boo
         "{kind}: {tried} inputs in {:.0} s, {read_inputs} of them gave a result, {grown_kib} KiB more memory",
         begun.elapsed().as_secs_f64()
     );
-    // Tests that run at the same time use memory too.
+    // Other tests may run at the same time and use memory too.
     assert!(long_s.is_none() || grown_kib < MAY_GROW_KIB, "{kind}: {grown_kib} KiB");
 }
 
@@ -232,7 +235,7 @@ fn configurations() {
 #[test]
 fn models() {
     let models = root().join("models");
-    // The runtime's library is found above the executable.
+    // The library of the ONNX runtime is found in a folder above the executable.
     let opens = |card: &Path| Net::open(card, &SessionOptions::default()).is_ok();
     assert!(opens(&models.join("activity.card.json")));
     let card = files(&["models/activity.card.json"]);

@@ -1,4 +1,5 @@
-//! A long clip in pieces: the joined result is that of a run over the whole clip, byte for byte.
+//! Tests the processing of a long clip in pieces. The joined result must have the same bytes as the result of the whole
+//! clip.
 
 use std::path::Path;
 
@@ -8,10 +9,10 @@ use image::imageops::{FilterType, resize};
 use roadplane_decode::{DecodeOptions, open};
 use roadplane_view::VideoSink;
 
-/// Frames per second of the clip: few, to keep the test cheap.
+/// Frames per second of the clip. The value is small to keep the test short.
 const FPS: f64 = 2.0;
 
-/// Writes a clip that plays the demo clip forwards and backwards for a little more than two minutes.
+/// Writes a clip of a little more than two minutes, which plays the demo clip forwards and backwards.
 fn long_clip(path: &Path) {
     let mut input = open(&root().join("tests/data/lot.mp4"), &DecodeOptions::default()).unwrap();
     let mut pictures = Vec::new();
@@ -27,7 +28,7 @@ fn long_clip(path: &Path) {
     video.finish().unwrap();
 }
 
-/// Asserts exit code 2 and a word of the message.
+/// Asserts that a command ends with exit code 2, and that its message contains `word`.
 fn refused(command: Assert, word: &str) {
     let said = String::from_utf8(command.code(2).get_output().stderr.clone()).unwrap();
     assert!(said.contains(word), "{said}");
@@ -72,7 +73,7 @@ fn pieces_joined_are_the_whole_byte_for_byte() {
     let report = |out: &str| played(&at(out).join("night/report.html"));
     assert!(report("joined") == report("whole"), "the reports play the same");
 
-    // A run that is stopped in its second minute continues with the results of the first.
+    // A run that is stopped in its second minute continues with the results of the first minute.
     let spool = at("stopped").join(".night.partial/frames.jsonl");
     let lines = || std::fs::read(&spool).map_or(0, |bytes| bytes.iter().filter(|b| **b == b'\n').count());
     let mut stopped = process().arg("run").arg(&clip).arg("--out").arg(at("stopped")).spawn().unwrap();

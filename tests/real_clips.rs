@@ -1,4 +1,4 @@
-//! Runs of real surveillance video, if the data of the developers is present.
+//! Tests runs of real surveillance video. The tests need data that only developers have.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -6,7 +6,7 @@ use std::path::Path;
 use crate::common::{json, json_lines, number, roadplane, shared};
 use serde_json::Value;
 
-/// Runs an input, and returns its camera, its rows by track, and its summary.
+/// Runs an input. Returns its camera, its rows by track, and its summary.
 fn run(input: &Path, code: i32, settings: &[&str]) -> (Value, BTreeMap<u64, Vec<Value>>, Value) {
     let out = tempfile::tempdir().unwrap();
     let mut command = roadplane();
@@ -61,7 +61,7 @@ fn a_damaged_clip_runs_through_and_its_damage_is_reported() {
 fn a_calibrated_still_is_recovered() {
     let still = shared("meva/G424.png");
     let (camera, _, _) = run(&still, 0, &[]);
-    // The calibration of the still: 4005 px, 7.3° below the horizontal.
+    // The calibration of the still gives 4005 px, and a tilt of 7.3° below the horizontal.
     assert!((0.8..1.25).contains(&(number(&camera["focal_px"]) / 4005.0)), "{camera}");
     assert!((number(&camera["tilt_rad"]).to_degrees() - 7.3).abs() < 2.0, "{camera}");
 }

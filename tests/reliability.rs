@@ -1,5 +1,5 @@
-//! Faults of machines: limits, disks, signals, and files that change. `scripts/reliability` has long runs of the same
-//! kinds.
+//! Tests faults of machines: memory limits, disks, signals, and files that change. The scripts in `scripts/reliability`
+//! make long runs with the same kinds of faults.
 
 use std::fs;
 use std::io::{BufRead as _, BufReader, Read as _, Write as _};
@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use crate::common::{names, played, process, roadplane, root};
 
-/// Settings for a few frames of the demo clip.
+/// Settings that limit a run to a few frames of the demo clip.
 const SHORT: [&str; 2] = ["--set", "decode.max_frames=12"];
 
 fn clip() -> PathBuf {
@@ -21,7 +21,8 @@ fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
-/// Returns the files of a result that must not differ: all files without times of day or speeds of the run.
+/// Returns the contents of those files of a result that must be the same in all runs. Files with the time of day or the
+/// speed of the run are left out.
 fn contents(result: &Path) -> Vec<(String, Vec<u8>)> {
     let varies = ["summary.json", "report.html"];
     let files = names(result).into_iter().filter(|name| !varies.contains(&name.as_str()));
@@ -70,7 +71,7 @@ fn a_run_stopped_by_a_signal_continues_where_it_was() {
     };
     assert!(run(&whole).status().unwrap().success());
     for (signal, code) in [("TERM", 143), ("INT", 130)] {
-        // Each run writes the stamp anew when it handles signals.
+        // Each run writes the file stamp.json again once it handles signals.
         let stamp = || cut.join(".lot.partial/stamp.json").metadata().and_then(|stamp| stamp.modified()).ok();
         let before = stamp();
         let mut child = run(&cut).spawn().unwrap();
@@ -121,7 +122,7 @@ fn a_folder_that_cannot_be_written_is_named() {
         assert_eq!(output.status.code(), Some(1), "{}", said(&output));
         assert!(said(&output).contains(out.to_str().unwrap()), "{}", said(&output));
     }
-    // The folder is read-only, but root can write there.
+    // The folder is read-only, but the user root can write to it.
     let locked = temp.path().join("locked");
     fs::create_dir(&locked).unwrap();
     fs::set_permissions(&locked, fs::Permissions::from_mode(0o555)).unwrap();
@@ -162,7 +163,7 @@ fn the_second_of_two_runs_on_one_folder_is_refused_at_once() {
     let since = Instant::now();
     let output = process().arg("run").arg(clip()).arg("--out").arg(temp.path()).output().unwrap();
     assert_eq!(output.status.code(), Some(11), "{}", said(&output));
-    // It takes a second if nothing else runs; most of it is loading the libraries.
+    // The rejection takes a second if nothing else runs. Most of this time is spent on loading the libraries.
     assert!(since.elapsed() < Duration::from_secs(5), "{:?}", since.elapsed());
     assert!(first.wait().unwrap().success(), "the first is not disturbed");
 }
@@ -212,7 +213,7 @@ fn playlists_addresses_and_links_are_not_followed() {
     ] {
         let out = temp.path().join("out");
         let output = process().arg("run").arg(&input).arg("--out").arg(&out).output().unwrap();
-        // An existing file is itself at fault (3); for a missing one it is the command line (2).
+        // If the file exists, the input is at fault (3). If the file is missing, the command line is at fault (2).
         let code = if input.exists() { 3 } else { 2 };
         assert_eq!(output.status.code(), Some(code), "{}: {}", input.display(), said(&output));
         assert_eq!(names(&out), [".roadplane.lock"], "{}", input.display());

@@ -1,4 +1,4 @@
-//! Focal length and lens from lines of the scene, from a clip to its camera.
+//! Tests the estimates of focal length and lens distortion from lines of the scene, for whole runs.
 
 use std::path::Path;
 
@@ -27,7 +27,7 @@ fn lines_of_the_scene_determine_the_focal_length() {
     let sd = number(&camera["focal_sd_px"]) / number(&camera["focal_px"]);
     assert!(off.abs() < 0.12 && off.abs() < 2.5 * sd, "focal length off by {off}, sd {sd}");
 
-    // The frames' records contain the lines, so they give the same camera without any picture.
+    // The file frames.jsonl contains the lines. So it gives the same camera without any picture.
     let solved = out.path().join("poses.jsonl");
     let frames = with_lines.join("frames.jsonl");
     roadplane().args(["stage", "solve"]).arg(frames).arg("--out").arg(&solved).assert().code(0);
@@ -43,10 +43,11 @@ fn lines_of_the_scene_determine_the_focal_length() {
     assert_ne!(json(&without.join("camera.json"))["focal_px"], camera["focal_px"]);
 }
 
-/// Solves the records of a run as a lens with distortion would have given them, with straight edges all over the
-/// picture.
+/// Distorts the boxes and keypoints of a run as a lens would. Adds curves that are straight edges in the scene, and
+/// solves the run again.
 ///
-/// The solver estimates the lens, and the focal length as well as without distortion. Without a lens model it does not.
+/// With its lens model, the solver must estimate the distortion, and the focal length must be as good as without
+/// distortion. Without its lens model, the focal length must differ.
 fn seen_through_a_lens(run: &Path, true_focal_px: f64) {
     const DISTORTION: f64 = -0.13;
     let folder = tempfile::tempdir().unwrap();

@@ -1,4 +1,5 @@
-//! `roadplane-lab synth`: `roadplane stage solve` reads the scenes, and its camera agrees with the truth.
+//! Tests `roadplane-lab synth`. The command `roadplane stage solve` reads the scenes, and its camera must agree with
+//! the truth.
 
 use std::path::Path;
 
@@ -35,7 +36,7 @@ fn the_camera_agrees_with_the_truth_within_its_sd() {
         height.push(off("height_m", "height_sd_m"));
         tilt.push(off("tilt_rad", "tilt_sd_rad"));
     }
-    // Of 12 normal errors, one exceeds 3.5 sd once in a hundred runs; the seed is fixed.
+    // One of 12 normal errors exceeds 3.5 sd in about one of a hundred runs. The seed is fixed.
     for errors in [focal, height, tilt] {
         assert!(errors.iter().all(|e| *e < 3.5), "{errors:?}");
         assert!(errors.iter().filter(|e| **e < 1.5).count() >= 6, "{errors:?}");
@@ -101,7 +102,7 @@ fn the_same_seed_gives_the_same_bytes_and_interrupted_work_continues() {
         std::fs::read(one.join("dataset.json")).unwrap(),
         std::fs::read(two.join("dataset.json")).unwrap()
     );
-    // Items with other options are not mixed in.
+    // Items with other options must not be added to the data set.
     let refused = synth(&two, 7, 1, &["--noise", "0.05"]).code(2);
     assert!(String::from_utf8_lossy(&refused.get_output().stderr).contains("other options"));
     synth(&two, 7, 1, &["--noise", "-1"]).code(2);

@@ -2,7 +2,8 @@
 //!
 //! `cargo run --release -p roadplane-pipeline --example solve_frame -- RUN/frames.jsonl`
 //!
-//! `roadplane run --frames` writes the file. Any other program may write it, too: `roadplane schemas frames` describes it.
+//! The command `roadplane run --frames` writes the file `frames.jsonl`. Any other program may write such a file, too.
+//! The command `roadplane schemas frames` prints its schema.
 
 use std::error::Error;
 use std::path::PathBuf;
@@ -12,7 +13,8 @@ use roadplane_pipeline::Config;
 use roadplane_solve::{CarView, solve_scene};
 use roadplane_write::read_jsonl;
 
-/// Returns the keypoints of each car of a frame that has some, without those of a low score.
+/// Returns the keypoints of each car in a frame. Cars without keypoints are left out, and so are keypoints with a score
+/// below `min_score`.
 fn keypoints(frame: &FrameRecord, min_score: f64) -> Vec<KeypointSet> {
     let sets = frame.cars.iter().filter_map(|car| car.keypoints.as_deref());
     sets.map(|set| set.map(|point| point.filter(|point| point.score >= min_score))).collect()
@@ -33,12 +35,12 @@ fn main() -> Result<(), Box<dyn Error>> {
     }
     let (frame, sets) = best.ok_or("the file has no frames")?;
 
-    // Each view is a car of its own, as all come from one frame.
+    // All views come from one frame, so each view belongs to another car.
     let views = CarView::each(&sets);
     let atlas = ShapeAtlas::shipped()?;
     let solution = solve_scene(&atlas, frame.image_size_px, &views, &config.solve.scene_options(None));
 
-    // The covariance is that of (log focal length, tilt, roll, log height), so a sd of a logarithm is a relative sd.
+    // The covariance is that of (log focal length, tilt, roll, log height). The sd of a logarithm is a relative sd.
     let sd = solution.covariance.diagonal().map(f64::sqrt);
     let params = solution.params;
     let height_m = params.log_height.exp();

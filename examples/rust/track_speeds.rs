@@ -14,7 +14,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut tracks: BTreeMap<u64, Vec<TrackRow>> = BTreeMap::new();
     for row in read_jsonl::<TrackRow>(&path)? {
         let row = row?;
-        // Rows that were filled in between observations have no measurement of their own.
+        // Rows that are interpolated between observations have no measurement of their own.
         if row.observed {
             tracks.entry(row.track).or_default().push(row);
         }

@@ -1,4 +1,5 @@
-//! Probabilities at steps → one label per sample: the most probable sequence of labels, then the rules.
+//! Converts the probabilities of labels at time steps to one label per sample. It computes the most probable sequence
+//! of labels, and corrects the sequence by rules.
 
 use crate::events::{Labelled, intervals};
 use crate::label::{LABELS, Label};
@@ -6,17 +7,20 @@ use crate::motion::{Motion, STEP_S};
 use crate::probabilities::Probabilities;
 use crate::rules::{check_turns, drive_on, settle};
 
-/// Cost of a change of label, as a logarithm of probability. A label that lasts only a step or two is flicker.
+/// Cost of a change of label between two steps, as a log probability. The cost removes flicker: labels that last only a
+/// step or two.
 const CHANGE_COST: f64 = 3.0;
-/// Lowest probability that is used: the net is never surer than this.
+/// Lowest probability of a label. Smaller outputs of the net are raised to this value.
 const LEAST_P: f64 = 1e-4;
-/// Longest time to an observed sample at which the net's probabilities are used, s. Beyond it the motion is a guess:
-/// the vehicle is stationary or drives on.
+/// Longest time between a step and the nearest observed sample at which the net's probabilities are used, s. At other
+/// steps, all labels except `NotMoving` and `Moving` have a cost.
 const UNSEEN_S: f64 = 0.4;
-/// Cost per step of any other label beyond [`UNSEEN_S`], as a logarithm of probability.
+/// Cost of a step with a label other than `NotMoving` and `Moving`, as a log probability. The cost applies to steps
+/// farther than [`UNSEEN_S`] from observed samples.
 const UNSEEN_COST: f64 = 2.0;
 
-/// Returns the most probable sequence of labels, where each change has a cost (Viterbi 1967).
+/// Returns the most probable sequence of labels (Viterbi 1967), one label index per step. Each change of label has a
+/// cost.
 fn steady(found: &Probabilities) -> Vec<usize> {
     let plain = [Label::NotMoving.index(), Label::Moving.index()];
     let gain = |step: usize, label: usize| match found.gap_s[step] > UNSEEN_S {
@@ -49,16 +53,17 @@ fn steady(found: &Probabilities) -> Vec<usize> {
 }
 
 impl Probabilities {
-    /// Returns the most probable labels at the samples' times (s, rising), without the rules.
+    /// Returns the most probable labels at the times of samples, without corrections by rules. `time_s` are the times
+    /// in rising order, s.
     ///
-    /// The rules need the motion. This is for nets that see something else, such as video.
+    /// The rules need the motion of a vehicle. This function is for nets with another input, such as video.
     #[must_use]
     pub fn steady(&self, time_s: &[f64]) -> Labelled {
         at_samples(self, &steady(self), time_s)
     }
 }
 
-/// Returns the labels of a motion's samples.
+/// Returns the labels of a motion's samples and its intervals, corrected by rules.
 pub(crate) fn labelled(found: &Probabilities, motion: &Motion) -> Labelled {
     let mut labels = steady(found);
     settle(&mut labels, &found.steps, motion);
@@ -67,7 +72,8 @@ pub(crate) fn labelled(found: &Probabilities, motion: &Motion) -> Labelled {
     at_samples(found, &labels, &motion.time_s)
 }
 
-/// Gives each sample the label of the nearest step. Where steps were skipped, it is the label of the last step before.
+/// Returns the label of each sample: the label of the nearest step. Where steps were skipped, a sample has the label of
+/// the last step before the sample.
 fn at_samples(found: &Probabilities, labels: &[usize], time_s: &[f64]) -> Labelled {
     let (Some(first_s), Some(last_s)) = (time_s.first(), time_s.last()) else { return Labelled::default() };
     if labels.is_empty() {
@@ -106,7 +112,7 @@ mod tests {
         }
     }
 
-    /// Straight on at 2 m/s.
+    /// Returns the motion of a vehicle that drives straight on at 2 m/s.
     fn driving(times: &[f64]) -> Motion {
         Motion {
             time_s: times.to_vec(),
@@ -139,7 +145,7 @@ mod tests {
             motion.xy_m.iter_mut().for_each(|xy| xy[0] *= speed / 2.0);
             labelled(&sure(&labels), &motion).samples[58].0
         };
-        // Within 1.4 s.
+        // The vehicle moves during the last 1.4 s.
         assert_eq!(label_at_the_end(1.2), Label::Starting);
         assert_eq!(label_at_the_end(0.3), Label::NotMoving);
     }
@@ -175,7 +181,7 @@ mod tests {
         assert_eq!(label_at_3_s(&found), Label::Stopping);
         found.gap_s[20..].iter_mut().enumerate().for_each(|(i, gap)| *gap = 0.2 * (i + 1) as f64);
         assert_eq!(label_at_3_s(&found), Label::Moving);
-        // Observed only at its end, much later.
+        // The rest is observed only at its end, much later.
         found.gap_s[39] = 0.0;
         assert_eq!(label_at_3_s(&found), Label::Moving);
     }
@@ -187,7 +193,7 @@ mod tests {
             let mut labels = vec![Label::Moving; 40];
             labels[10..30].fill(label);
             let mut motion = driving(&times);
-            // An arc over the middle four seconds.
+            // The path is an arc during the middle four seconds.
             let (mut at, mut heading) = ([0.0_f64; 2], 0.0_f64);
             for (time_s, xy) in times.iter().zip(&mut motion.xy_m) {
                 heading += if (3.0..7.0).contains(time_s) { turned_deg.to_radians() / 40.0 } else { 0.0 };
@@ -202,7 +208,7 @@ mod tests {
         assert_eq!(label_of(Label::TurningLeft, 40.0), Label::TurningLeft);
         assert_eq!(label_of(Label::TurningLeft, 5.0), Label::Moving);
         assert_eq!(label_of(Label::UTurn, -5.0), Label::Moving);
-        // The path through three samples beside each other turns by chance.
+        // A path through three samples that lie close together turns by chance.
         assert!(turned(&[[0.0, 0.0], [0.2, 0.0], [0.1, 0.15]]).unwrap().abs() < 0.2);
     }
 
@@ -212,7 +218,7 @@ mod tests {
         labels[10..20].fill(Label::UTurn);
         labels[25] = Label::Stopping;
         let times: Vec<f64> = (0..59).map(|i| 1.0 + f64::from(i) * 0.1).collect();
-        // The rules remove a U-turn on a straight path; without a motion there is no path to check.
+        // The rules remove a U-turn on a straight path. Without a motion there is no path to check.
         assert_eq!(labelled(&sure(&labels), &driving(&times)).samples[25].0, Label::Moving);
         let labelled = sure(&labels).steady(&times);
         assert_eq!(labelled.samples[25].0, Label::UTurn);

@@ -1,4 +1,4 @@
-//! Labels of steps → events: intervals of one label, and starts and stops within turns.
+//! Converts the labels of time steps to events: intervals of one label, and starts and stops within turns.
 
 use std::ops::Range;
 
@@ -9,38 +9,41 @@ use crate::motion::STEP_S;
 use crate::probabilities::Probabilities;
 use crate::spans::event_spans;
 
-/// Lowest mean probability of an event. Less probable events are left out: their opposite is more probable.
+/// Lowest mean probability of an event. Events below this value are left out, because they are more likely wrong than
+/// right.
 const LEAST_CONFIDENCE: f64 = 0.5;
 
-/// An interval in which a vehicle does one thing. A start or stop within a turn shares its time with the turn.
+/// An interval of time in which a vehicle has one activity. A start or stop within a turn overlaps the turn.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Event {
     /// Number of the vehicle's track.
     pub track: u64,
     /// Activity of the vehicle.
     pub activity: Label,
-    /// Beginning, s.
+    /// Beginning of the event, s.
     pub from_s: f64,
-    /// End, s.
+    /// End of the event, s.
     pub to_s: f64,
-    /// Mean probability over its steps. For a start or stop within a turn: the probability of either of the two.
+    /// Mean probability of the activity over the steps of the event, 0–1. For a start or stop within a turn, the
+    /// probability at each step includes the probability of the turn.
     pub confidence: f64,
 }
 
 /// The labels of one track, by sample and by interval.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Labelled {
-    /// Label of each sample, with the net's probability of it.
+    /// Label of each sample, and the probability of this label from the net.
     pub samples: Vec<(Label, f64)>,
-    /// Intervals of one label in order of their beginning: label, beginning and end (s), mean probability.
+    /// Intervals of one label, sorted by their beginning. Each has its label, beginning (s), end (s) and mean
+    /// probability.
     ///
-    /// Stationary intervals and those with a mean probability below one half are left out. Starts and stops may share
-    /// their time with turns.
+    /// Stationary intervals are left out, and so are intervals with a mean probability below one half. Starts and stops
+    /// may overlap turns.
     pub intervals: Vec<(Label, f64, f64, f64)>,
 }
 
 impl Labelled {
-    /// Returns the intervals as events of a track.
+    /// Returns the intervals as events of the track with the given number.
     pub fn events(&self, track: u64) -> impl Iterator<Item = Event> {
         self.intervals.iter().map(move |&(activity, from_s, to_s, confidence)| Event {
             track,
@@ -52,7 +55,8 @@ impl Labelled {
     }
 }
 
-/// Returns the [`Labelled::intervals`] of a motion from `first_s` to `last_s`.
+/// Returns the [`Labelled::intervals`] of a motion that lasts from `first_s` to `last_s`. `labels` has the label index
+/// of each step.
 pub(crate) fn intervals(
     found: &Probabilities,
     labels: &[usize],
@@ -61,7 +65,7 @@ pub(crate) fn intervals(
 ) -> Vec<(Label, f64, f64, f64)> {
     let named: Vec<Label> = labels.iter().map(|label| Label::ALL[*label]).collect();
     let times: Vec<f64> = found.steps.iter().map(|step| *step as f64 * STEP_S).collect();
-    // A change lies between two steps.
+    // A label changes midway between two steps.
     let at = |i: usize| (found.steps[i] as f64 - 0.5) * STEP_S;
     let interval = |(label, span): (Label, Range<usize>)| {
         let begin = if span.start == 0 { first_s } else { at(span.start) };
@@ -91,7 +95,7 @@ mod tests {
             steps: (0..40).collect(),
             p: labels.iter().map(sure).collect(),
             gap_s: vec![0.0; 40],
-            // Up to 5 m/s within the turn's first half.
+            // The speed rises to 5 m/s in the first half of the turn.
             speed_mps: (0..40_u32).map(|i| (f64::from(i) - 9.0).clamp(0.0, 10.0) * 0.5).collect(),
         };
         let events = intervals(&found, &labels, 0.0, 7.8);

@@ -1,26 +1,28 @@
-//! Features of a motion: the input of the net, one row per step.
+//! Features of a motion: the input of the net, with one row per time step.
 //!
-//! `scripts/train/activity/features.py` computes the same features. `tests/data/activity/features.json` tests both.
+//! The script `scripts/train/activity/features.py` computes the same features. The file
+//! `tests/data/activity/features.json` tests both programs.
 
 use crate::motion::{Local, Motion, STEP_S, local, seen_times, unwrapped};
 
 /// Number of features per step.
 pub const FEATURES: usize = 15;
-/// Index of the last feature: time to the nearest observed sample, s, at most 2.
+/// Index of the time to the nearest observed sample (s, at most 2), which is the last feature.
 pub(crate) const GAP: usize = FEATURES - 1;
-/// Unit of the first feature, which is a speed, m/s.
+/// Unit of the first feature, m/s. The feature is the speed in this unit.
 const SPEED_MPS: f64 = 5.0;
-/// Speed below which the direction of motion fades out, m/s.
+/// Speed below which the features of the direction of motion approach 0, m/s.
 const SLOW_MPS: f64 = 0.3;
 
-/// Returns the features at these steps. The motion must have passed [`Motion::check`].
+/// Returns the features of a motion, one row per step. `steps` are multiples of [`crate::STEP_S`]. The motion must have
+/// passed [`Motion::check`].
 #[must_use]
 pub fn features(motion: &Motion, steps: &[i64]) -> Vec<[f32; FEATURES]> {
     let (headings, seen_s) = (unwrapped(&motion.heading_rad), seen_times(motion));
     steps.iter().map(|step| row(&local(motion, &headings, &seen_s, *step as f64 * STEP_S))).collect()
 }
 
-/// Returns the speed at the step of a row of features, m/s.
+/// Returns the speed that a row of features contains, m/s.
 pub(crate) fn speed_mps(row: &[f32; FEATURES]) -> f64 {
     f64::from(row[0]) * SPEED_MPS
 }
@@ -39,7 +41,8 @@ fn row(local: &Local) -> [f32; FEATURES] {
             (1.0, v.x * cos + v.y * sin, v.y * cos - v.x * sin, rate)
         }
     };
-    // The sd along the motion and across it. For a stationary car each is the mean over the two axes.
+    // Next: the variances along the motion and across it. For a stationary car, both are the mean of the variances of
+    // the two axes.
     let stationary = (SLOW_MPS / faded).powi(2) / 2.0;
     let [x, y] = [v.x, v.y].map(|part| (part / faded).powi(2) + stationary);
     let [sx, sy] = [local.sd_m.x.powi(2), local.sd_m.y.powi(2)];

@@ -1,4 +1,4 @@
-//! The labels, and their order in the output of the net.
+//! The labels of activities, and their order in the output of the net.
 
 use std::fmt;
 
@@ -8,10 +8,11 @@ use serde::{Deserialize, Serialize};
 /// Number of labels.
 pub const LABELS: usize = 8;
 
-/// Activity of a vehicle.
+/// Activity of a vehicle at one time.
 ///
-/// A vehicle has exactly one label at a time. A vehicle that turns while it reverses is reversing. A vehicle that turns
-/// while it starts is turning, but has both events ([`crate::event_spans`]).
+/// A vehicle has exactly one label at a time. A vehicle that turns while it reverses is labelled as reversing. A
+/// vehicle that turns while it starts is labelled as turning. The events of such a vehicle include both the turn and
+/// the start ([`crate::event_spans`]).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 #[allow(missing_docs)]
@@ -39,7 +40,7 @@ impl Label {
         Self::Reversing,
     ];
 
-    /// Returns its name in files.
+    /// Returns the name of the label in files.
     #[must_use]
     pub fn name(self) -> &'static str {
         match self {
@@ -54,13 +55,13 @@ impl Label {
         }
     }
 
-    /// Returns the label with this name.
+    /// Returns the label with this name, if there is one.
     #[must_use]
     pub fn named(name: &str) -> Option<Self> {
         Self::ALL.into_iter().find(|label| label.name() == name)
     }
 
-    /// Returns its index in the net's output.
+    /// Returns the index of the label in the net's output.
     #[must_use]
     pub fn index(self) -> usize {
         self as usize
@@ -68,8 +69,10 @@ impl Label {
 
     /// Returns the label of an activity in a truth file.
     ///
-    /// `parked` is not moving. `parking` is reversing, or turning where the radius of the path is below 20 m, or else
-    /// stopping. `speed_mps` is negative when the car reverses. `curvature` is that of the path, 1/m, positive to the
+    /// The activity `parked` is labelled as not moving. The activity `parking` is labelled as reversing if the speed is
+    /// negative. Otherwise it is labelled as a turn if the path's radius is below 20 m, and as stopping if not.
+    ///
+    /// `speed_mps` is negative when the car reverses. `curvature` is the curvature of the path, 1/m, positive to the
     /// left.
     #[must_use]
     pub fn of_truth(activity: Activity, speed_mps: f64, curvature: f64) -> Self {

@@ -1,4 +1,5 @@
-//! Activities of vehicles: tracks on the ground → a label with its probability for every sample, and events.
+//! Recognises the activities of vehicles from their tracks on the ground. Each sample of a track gets a label with its
+//! probability, and each track gets a list of events.
 //!
 //! # Contents
 //! ```text
@@ -9,9 +10,10 @@
 //!                                          within turns                             (spans.rs)
 //! ```
 //!
-//! After Li et al., *Car Pose in Context*, §Activity Recognition: a bidirectional LSTM on ground-plane velocities. Here
-//! the velocities are resampled in time and turned into the car's frame where its heading is known. Their uncertainty
-//! is an input too. Neither the position of the camera nor its frame rate matters. Training: `scripts/train/activity`.
+//! The method follows Li et al., *Car Pose in Context*, §Activity Recognition: a bidirectional LSTM whose input is
+//! velocities on the ground plane. Here the velocities are resampled in time. Where the heading of a car is known, the
+//! velocities are rotated into the car's frame. The uncertainty of the velocities is an input too. The results do not
+//! depend on the camera's position or frame rate. The scripts in `scripts/train/activity` train the net.
 
 mod decode;
 mod events;

@@ -1,41 +1,42 @@
-//! The samples of a track, and a smooth motion through them at the steps of the grid.
+//! The samples of a track, and a smooth motion that is fitted to them at regular time steps.
 
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 use thiserror::Error;
 
-/// Time between two steps, s; steps are whole multiples of it.
+/// Time between two steps, s. The times of all steps are multiples of this value.
 pub const STEP_S: f64 = 0.2;
-/// sd of the Gaussian weights in time, s.
+/// Sd of the Gaussian that weights samples by their time from the step, s.
 const WINDOW_SD_S: f64 = 0.35;
-/// Half width of the window of weights, s.
+/// Half width of the time window around a step, s. Samples outside the window have no weight.
 const WINDOW_S: f64 = 1.05;
-/// Sum of the weights of a window, samples. A window has the same weight at any frame rate.
+/// Sum of the weights in a window, as a number of samples. The sum is the same at any frame rate.
 const WEIGHT: f64 = 5.0;
-/// sd of the prior on speed, m/s.
+/// Sd of the prior on speed, m/s.
 const SPEED_MPS: f64 = 10.0;
-/// sd of the prior on acceleration, m/s².
+/// Sd of the prior on acceleration, m/s².
 const ACCELERATION: f64 = 2.5;
-/// sd of a heading, rad.
+/// Sd of a measured heading, rad.
 const HEADING_SD: f64 = 0.05;
-/// sd of the prior on the rate of the heading, rad/s.
+/// Sd of the prior on the rate of the heading, rad/s.
 const YAW_RATE: f64 = 1.0;
 /// Smallest sd of a position, m.
 const LEAST_SD_M: f64 = 0.05;
-/// sd of a position that comes without one, m.
+/// Sd of a position that is given without its sd, m.
 const UNKNOWN_SD_M: f64 = 0.15;
 
-/// The samples of one track, by time. Each list has one value per sample; optional lists may be empty.
+/// The samples of one track, sorted by time. Each list has one value per sample. Optional lists may be empty.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Motion {
-    /// Times, s, never falling.
+    /// Times of the samples in rising order, s. Equal times are allowed.
     pub time_s: Vec<f64>,
-    /// Positions on the ground (right-handed, z up), m.
+    /// Positions on the ground, m, in a right-handed frame with z up.
     pub xy_m: Vec<[f64; 2]>,
-    /// Headings, 0 along +x, counter-clockwise, rad; may be empty.
+    /// Headings, rad: 0 along +x, counter-clockwise. The list may be empty.
     pub heading_rad: Vec<f64>,
-    /// sds of the positions, m; may be empty.
+    /// Sds of the positions in x and y, m. The list may be empty.
     pub sd_m: Vec<[f64; 2]>,
-    /// Whether each sample was observed and not filled in. Empty: all samples were observed.
+    /// Whether each sample was observed. Other samples are interpolated. If the list is empty, all samples were
+    /// observed.
     pub seen: Vec<bool>,
 }
 
@@ -95,23 +96,23 @@ impl Motion {
     }
 }
 
-/// Returns the steps from the last one not after `first_s` to the first one not before `last_s`, as multiples of
-/// [`STEP_S`].
+/// Returns the steps that cover a time from `first_s` to `last_s` (s), as multiples of [`STEP_S`]. The first step is
+/// not later than `first_s`, and the last step is not earlier than `last_s`.
 #[must_use]
 pub fn grid(first_s: f64, last_s: f64) -> std::ops::RangeInclusive<i64> {
     (first_s / STEP_S + 1e-6).floor() as i64..=(last_s / STEP_S - 1e-6).ceil() as i64
 }
 
-/// The motion around one step.
+/// The smooth motion around one step.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Local {
     /// Velocity, m/s.
     pub velocity: Vector2<f64>,
     /// Acceleration, m/s².
     pub acceleration: Vector2<f64>,
-    /// Root mean square distance of the positions from the fit, m.
+    /// Root mean square distance between the positions and the fitted motion, m.
     pub rms_m: f64,
-    /// sds of the positions, m.
+    /// Sds of the positions in x and y, m.
     pub sd_m: Vector2<f64>,
     /// Heading (rad) and its rate (rad/s), if the motion has headings.
     pub heading: Option<[f64; 2]>,
@@ -125,14 +126,15 @@ pub(crate) fn seen_times(motion: &Motion) -> Vec<f64> {
     motion.time_s.iter().enumerate().filter(|(i, _)| seen(*i)).map(|(_, t)| *t).collect()
 }
 
-/// Returns the time from `at_s` to the nearest of these times (rising), s; infinite if there is none.
+/// Returns the time between `at_s` and the nearest of `times` (in rising order), s. Returns infinity if `times` is
+/// empty.
 fn nearest(times: &[f64], at_s: f64) -> f64 {
     let after = times.partition_point(|t| *t < at_s);
     let beside = after.saturating_sub(1)..(after + 1).min(times.len());
     times[beside].iter().map(|t| (t - at_s).abs()).fold(f64::INFINITY, f64::min)
 }
 
-/// Returns the headings without jumps by whole turns, rad.
+/// Returns the headings (rad). Each heading is changed by whole turns to be nearest to the heading before it.
 pub(crate) fn unwrapped(headings: &[f64]) -> Vec<f64> {
     let mut last: Option<f64> = None;
     let step = |heading: &f64| {
@@ -144,14 +146,15 @@ pub(crate) fn unwrapped(headings: &[f64]) -> Vec<f64> {
     headings.iter().map(step).collect()
 }
 
-/// Fits a parabola to the positions around a time, axis by axis.
+/// Fits a parabola to the positions around a time. The axes x and y have separate fits.
 ///
-/// The fit is by least squares with Gaussian weights in time. Priors on speed and acceleration are weighted by the sd
-/// of the positions. `headings` come from [`unwrapped`], `seen_s` from [`seen_times`].
+/// The fit is by least squares with Gaussian weights in time. It has priors on speed and acceleration, which are
+/// weighted by the variance of the positions. `headings` is the result of [`unwrapped`], and `seen_s` is the result of
+/// [`seen_times`].
 pub(crate) fn local(motion: &Motion, headings: &[f64], seen_s: &[f64], at_s: f64) -> Local {
     let times = &motion.time_s;
     let near_s = nearest(times, at_s);
-    // In a gap the window reaches to the nearest sample, or it would be empty.
+    // In a gap, the window extends to the nearest sample. Otherwise it would be empty.
     let reach = near_s + WINDOW_S;
     let window = times.partition_point(|t| *t < at_s - reach)..times.partition_point(|t| *t <= at_s + reach);
     let mut weights: Vec<f64> = times[window.clone()]
@@ -176,7 +179,7 @@ pub(crate) fn local(motion: &Motion, headings: &[f64], seen_s: &[f64], at_s: f64
             variance += weight * sd_of(i, axis).powi(2) / WEIGHT;
         }
         let priors = Vector3::new(0.0, SPEED_MPS.powi(-2), ACCELERATION.powi(-2)) * variance;
-        // Positive definite: the weights and the priors are positive.
+        // The matrix is positive definite, because the weights and the priors are positive.
         let fit = (normal + Matrix3::from_diagonal(&priors))
             .cholesky()
             .map_or(Vector3::zeros(), |c| c.solve(&right));
@@ -213,7 +216,8 @@ pub(crate) fn local(motion: &Motion, headings: &[f64], seen_s: &[f64], at_s: f64
 mod tests {
     use super::*;
 
-    /// A car at 3 m/s along +x from 1 s on that brakes by 0.5 m/s², with `hz` samples per second.
+    /// Returns the motion of a car along +x. It drives at 3 m/s at a time of 1 s, and brakes by 0.5 m/s². There are
+    /// `hz` samples per second.
     fn braking(hz: f64) -> Motion {
         let time_s: Vec<f64> = (0..(4.0 * hz) as usize).map(|i| 1.0 + i as f64 / hz).collect();
         let xy_m = time_s.iter().map(|t| [3.0 * (t - 1.0) - 0.25 * (t - 1.0).powi(2), 7.0]).collect();
@@ -225,7 +229,7 @@ mod tests {
         for hz in [5.0, 10.0, 29.97, 60.0] {
             let motion = braking(hz);
             let local = local(&motion, &motion.heading_rad, &motion.time_s, 3.0);
-            // The prior on acceleration reduces it by the same share at every rate.
+            // The prior reduces the acceleration by the same share at every frame rate.
             assert!((local.velocity.x - 2.0).abs() < 0.02, "{hz} {:?}", local.velocity);
             assert!(local.acceleration.x < -0.3 && local.velocity.y.abs() < 1e-9, "{hz}");
             let [heading, rate] = local.heading.unwrap();

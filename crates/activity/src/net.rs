@@ -13,9 +13,10 @@ use crate::label::{LABELS, Label};
 use crate::motion::{Motion, MotionError, grid};
 use crate::probabilities::Probabilities;
 
-/// Number of steps at rest that the net sees on each side of a motion (10 s). Steps of a longer rest are skipped.
+/// Number of steps of a rest that the net reads before and after a motion (10 s each). The middle steps of a longer
+/// rest are skipped.
 const CONTEXT: i64 = 50;
-/// Farthest that two positions of a vehicle at rest lie apart, m.
+/// Largest distance between the positions of a vehicle at rest, m.
 const STILL_M: f64 = 0.01;
 
 /// The reason why labels cannot be computed.
@@ -24,7 +25,7 @@ pub enum ActivityError {
     /// The net cannot be loaded or run.
     #[error(transparent)]
     Net(#[from] InferError),
-    /// The net has other inputs or outputs than these features and labels.
+    /// The inputs or outputs of the net do not match the features and labels of this crate.
     #[error("activity net {model}: {what}")]
     UnsuitableNet {
         /// Name of the net.
@@ -37,17 +38,17 @@ pub enum ActivityError {
     Motion(#[from] MotionError),
 }
 
-/// A bidirectional LSTM, described by its card.
+/// The activity net: a bidirectional LSTM whose inputs and outputs are described in a card (a JSON file).
 #[derive(Debug)]
 pub struct ActivityNet {
     session: Session,
 }
 
 impl ActivityNet {
-    /// Loads the net with this card.
+    /// Loads the net that the file `card` describes.
     ///
     /// # Errors
-    /// [`ActivityError`] if the net is refused or has other labels.
+    /// [`ActivityError`] if the net cannot be loaded, or if its features or labels are not those of this crate.
     pub fn open(card: &Path, session: &SessionOptions) -> Result<Self, ActivityError> {
         let session = Session::open(card, session)?;
         let card = session.card();
@@ -113,7 +114,8 @@ impl ActivityNet {
     }
 }
 
-/// Returns the steps of the grid without the middle of long rests, in which every position is the same.
+/// Returns the steps of a motion without the middle of long rests. All positions of a rest are the same within
+/// [`STILL_M`].
 fn steps_of(motion: &Motion) -> Vec<i64> {
     let (Some(first), Some(last)) = (motion.time_s.first(), motion.time_s.last()) else { return Vec::new() };
     let mut steps: Vec<i64> = grid(*first, *last).collect();

@@ -1,11 +1,11 @@
-//! Probabilities of the labels at the steps of the grid: the output of the net.
+//! Probabilities of the labels at regular time steps: the output of the net.
 
 use crate::label::LABELS;
 
-/// Probabilities of the labels at steps of the grid. Steps may be skipped while the vehicle is stationary.
+/// Probabilities of the labels at the time steps of a motion. Steps may be skipped while the vehicle is stationary.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Probabilities {
-    /// Steps, rising, as multiples of [`crate::STEP_S`].
+    /// Steps in rising order, as multiples of [`crate::STEP_S`].
     pub steps: Vec<i64>,
     /// Probability of each label at each step, indexed by [`crate::Label::index`].
     pub p: Vec<[f64; LABELS]>,

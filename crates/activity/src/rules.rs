@@ -1,6 +1,6 @@
-//! Rules that correct a label by its whole interval, of which the net sees only a part.
+//! Rules that correct a label by the motion in its whole interval. The net considers only a part of that interval.
 //!
-//! They check whether the vehicle left its position, whether it was observed at rest, and how far its path turns.
+//! The rules check whether the vehicle left its position, whether it was observed at rest, and how far its path turns.
 
 use std::ops::Range;
 
@@ -10,25 +10,25 @@ use crate::label::Label;
 use crate::motion::{Motion, STEP_S};
 use crate::probabilities::Probabilities;
 
-/// Longest time from a start or stop to an observed sample at rest, s. Beyond it the rest is a guess too, and the
-/// vehicle drives on.
+/// Longest time between a start or stop and an observed sample at rest, s. Without such a sample the rest is uncertain,
+/// and the label of the start or stop becomes moving.
 const SEEN_REST_S: f64 = 1.0;
-/// Least distance that a vehicle moves between two rests, m: half the length of a car. The positions of hidden and far
-/// cars waver by less.
+/// Least distance that a vehicle moves between two rests, m. It is half the length of a car. The positions of hidden
+/// and distant cars vary by less.
 const MOVED_M: f64 = 2.2;
-/// Least distance that a vehicle moves from or to a single rest, at the beginning or end of its track, m. How far it
-/// would have moved is unknown.
+/// Least distance that a vehicle moves beside a rest, if its track begins or ends during the motion, m. The full
+/// distance is then unknown, so this limit is lower than [`MOVED_M`].
 const LEFT_M: f64 = 1.0;
-/// Least change of direction along a turn, rad (12°). Swinging lanes, and boxes that the picture's edge cuts off,
-/// change it by less.
+/// Least change of direction along a turn, rad (12°). Winding lanes cause smaller changes, and so do boxes at the
+/// picture's edge.
 const TURNED_RAD: f64 = 0.21;
-/// Least change of direction along a U-turn, rad (130°, between the sharpest turns and half turns).
+/// Least change of direction along a U-turn, rad (130°). The value is between the sharpest turns and half turns.
 const U_TURN_RAD: f64 = 2.27;
-/// Radius of the tightest circle that a vehicle drives, m (cars need 4 to 6). A tighter turn is noise. It can appear
-/// when a few samples lie close together.
+/// Smallest radius that a vehicle can drive, m (cars need 4 to 6 m). A tighter turn is noise. It can appear when a few
+/// samples lie close together.
 const LEAST_RADIUS_M: f64 = 3.0;
 
-/// Returns the positions of a motion in an interval of steps, m.
+/// Returns the positions of a motion during an interval of steps, m.
 fn positions<'a>(motion: &'a Motion, interval: &[i64]) -> &'a [[f64; 2]] {
     let (Some(from), Some(to)) = (interval.first(), interval.last()) else { return &[] };
     let first = motion.time_s.partition_point(|t| *t < *from as f64 * STEP_S);
@@ -36,7 +36,7 @@ fn positions<'a>(motion: &'a Motion, interval: &[i64]) -> &'a [[f64; 2]] {
     motion.xy_m.get(first..last).unwrap_or_default()
 }
 
-/// Labels a vehicle as not moving where it does not leave its position beside a rest.
+/// Corrects labels of motion beside a rest: if the vehicle stays near its position, the label becomes not moving.
 pub(crate) fn settle(labels: &mut [usize], steps: &[i64], motion: &Motion) {
     let still = Label::NotMoving.index();
     let mut from = 0;
@@ -62,7 +62,7 @@ pub(crate) fn settle(labels: &mut [usize], steps: &[i64], motion: &Motion) {
     }
 }
 
-/// Labels a start or stop as driving on where the rest beside it was not observed.
+/// Corrects starts and stops: if the rest before a start or after a stop was not observed, the label becomes moving.
 pub(crate) fn drive_on(labels: &mut [usize], found: &Probabilities) {
     let mut to = 0;
     let run = |run: &[usize]| {
@@ -87,7 +87,8 @@ pub(crate) fn drive_on(labels: &mut [usize], found: &Probabilities) {
     }
 }
 
-/// Labels a turn with a straight path as driving on, and a U-turn with a slight curve as a turn.
+/// Corrects turns: the label of a straight path becomes moving. A U-turn with a small change of direction becomes a
+/// left or right turn.
 pub(crate) fn check_turns(labels: &mut [usize], steps: &[i64], motion: &Motion) {
     let turns = [Label::TurningLeft, Label::TurningRight, Label::UTurn].map(Label::index);
     let mut from = 0;
@@ -107,10 +108,10 @@ pub(crate) fn check_turns(labels: &mut [usize], steps: &[i64], motion: &Motion) 
     }
 }
 
-/// Returns the angle by which a path turns to the left, rad.
+/// Returns the angle by which a path turns, rad, positive to the left. Returns `None` if the path is too short.
 ///
-/// It is twice the angle between the chords of its halves, which for an arc is the whole angle. It is limited to the
-/// angle that a vehicle can turn by on a path of this length.
+/// The path is cut into two halves of equal length. The result is twice the angle between their chords; for an arc,
+/// this is the exact angle. The result is limited to the angle that a vehicle can turn on a path of this length.
 pub(crate) fn turned(path: &[[f64; 2]]) -> Option<f64> {
     let (first, last) = (path.first()?, path.last()?);
     let steps = path.windows(2).map(|p| (p[1][0] - p[0][0]).hypot(p[1][1] - p[0][1]));

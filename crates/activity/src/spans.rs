@@ -1,7 +1,8 @@
-//! The samples of each event.
+//! Finds the samples of each event.
 //!
-//! A sample has one label, and a vehicle that turns while it starts is turning. People who label video mark both: in
-//! MEVA every fifth start shares its time with a turn. The events therefore have both the start and the turn.
+//! Each sample has one label: a vehicle that turns while it starts is labelled as turning. People who label video mark
+//! both activities. In the data set MEVA, every fifth start overlaps a turn. So the events here include both the start
+//! and the turn.
 
 use std::ops::Range;
 
@@ -9,10 +10,10 @@ use crate::label::Label;
 
 /// Least acceleration of a vehicle that is still starting, m/s².
 const GAIN_MPS2: f64 = 0.3;
-/// Time over which its acceleration is measured, s.
+/// Time over which the acceleration is measured, s.
 const AHEAD_S: f64 = 0.6;
 
-/// Returns the spans of samples with one label, without those that are not moving.
+/// Returns the spans of consecutive samples with the same label. Spans with the label not moving are left out.
 #[must_use]
 pub fn label_spans(labels: &[Label]) -> Vec<(Label, Range<usize>)> {
     let mut to = 0;
@@ -23,13 +24,13 @@ pub fn label_spans(labels: &[Label]) -> Vec<(Label, Range<usize>)> {
     spans.filter(|(label, _)| *label != Label::NotMoving).collect()
 }
 
-/// Returns the spans of [`label_spans`], and those of starts and stops that include a turn or U-turn, by their
-/// beginning.
+/// Returns the spans of all events, sorted by their beginning. They are the spans of [`label_spans`], and the starts
+/// and stops that include a turn or U-turn.
 ///
-/// Such a start lasts from the rest for as long as the speed rises. Such a stop lasts from the moment when the speed
-/// begins to fall until the rest. A start that begins before its turn is one span with its part inside the turn.
+/// A start that includes a turn begins after a rest, and lasts while the speed rises. A stop that includes a turn lasts
+/// while the speed falls, until a rest. If a start begins before its turn, both parts are one span.
 ///
-/// Labels, times (s, rising) and speeds (m/s, of either sign) have one value per sample.
+/// `labels`, `time_s` (s, rising) and `speed_mps` (of either sign) have one value per sample.
 #[must_use]
 pub fn event_spans(labels: &[Label], time_s: &[f64], speed_mps: &[f64]) -> Vec<(Label, Range<usize>)> {
     let speed: Vec<f64> = speed_mps.iter().map(|speed| speed.abs()).collect();
@@ -56,7 +57,8 @@ pub fn event_spans(labels: &[Label], time_s: &[f64], speed_mps: &[f64]) -> Vec<(
     spans
 }
 
-/// Returns the spans of starts that include a turn. `plain` is the label of their part without a turn.
+/// Returns the spans of starts that include a turn. `plain` is the label of their samples outside the turn. For stops,
+/// all arguments are in reversed time.
 fn starts_in_turns(labels: &[Label], time_s: &[f64], speed: &[f64], plain: Label) -> Vec<Range<usize>> {
     let turns = |label: &Label| matches!(label, Label::TurningLeft | Label::TurningRight | Label::UTurn);
     let speeds_up = |i: usize| {
@@ -82,8 +84,8 @@ fn starts_in_turns(labels: &[Label], time_s: &[f64], speed: &[f64], plain: Label
 mod tests {
     use super::*;
 
-    /// Times and speeds of a car at rest for 2 s that speeds up by 1.5 m/s² to 4.5 m/s and drives on. It slows down
-    /// alike, to rest at 14 s. There are 10 samples per second.
+    /// Returns the times (s) and speeds (m/s) of a car, with 10 samples per second. The car rests for 2 s, speeds up by
+    /// 1.5 m/s² to 4.5 m/s, and drives on. It slows down by 1.5 m/s², and is at rest from 14 s.
     fn drive() -> (Vec<f64>, Vec<f64>) {
         let time_s: Vec<f64> = (0..160).map(|i| f64::from(i) * 0.1).collect();
         let speed = |t: &f64| (1.5 * (t - 2.0)).min(1.5 * (14.0 - t)).clamp(0.0, 4.5);
@@ -91,8 +93,8 @@ mod tests {
         (time_s, speed)
     }
 
-    /// Events of the drive with this label from 2 to 14 s, except in these intervals (s), which have labels of their
-    /// own.
+    /// Returns the events of the drive. The label from 2 to 14 s is `driving`, except in the intervals of `but` (s),
+    /// which have their own labels.
     fn events(driving: Label, but: &[(f64, f64, Label)]) -> Vec<(Label, f64, f64)> {
         let (time_s, speed) = drive();
         let label = |t: &f64| {
@@ -110,7 +112,7 @@ mod tests {
         let found = events(Label::TurningLeft, &[]);
         let names: Vec<Label> = found.iter().map(|found| found.0).collect();
         assert_eq!(names, [Label::Starting, Label::TurningLeft, Label::Stopping]);
-        // Speed rises from 2 to 5 s and falls from 11 to 14 s.
+        // The speed rises from 2 to 5 s and falls from 11 to 14 s.
         let expected = [(2.0, 5.0), (2.0, 14.0), (11.0, 14.0)];
         for ((_, from, to), (begin, end)) in found.iter().zip(expected) {
             assert!((from - begin).abs() < 0.6 && (to - end).abs() < 0.6, "{found:?}");

@@ -1,4 +1,4 @@
-//! Compares features in Rust with those in Python, and tests the shipped net where the runtime is found.
+//! Compares the features in Rust with those in Python. Tests the shipped net if the ONNX runtime is installed.
 
 use std::path::{Path, PathBuf};
 
@@ -47,7 +47,8 @@ fn net() -> Option<Result<ActivityNet, ActivityError>> {
     Some(ActivityNet::open(&root().join("models/activity.card.json"), &options))
 }
 
-/// A car at rest that starts to 6 m/s, drives on, and brakes to rest, with `hz` samples per second.
+/// Returns the motion of a car that starts from rest, drives at 6 m/s, and brakes to rest. There are `hz` samples per
+/// second.
 fn drive(hz: f64) -> Motion {
     let driven_m = |t: f64| {
         let t = t - 4.0;
@@ -108,7 +109,7 @@ fn left_is_right_in_the_mirror() {
     let Some(net) = net() else { return };
     let mut net = net.unwrap();
     let time_s: Vec<f64> = (0..100).map(|i| f64::from(i) * 0.1).collect();
-    // At 5 m/s, with a quarter turn to the left of radius 8 m between 3.5 and 6 s.
+    // The car drives at 5 m/s. Between 3.5 and 6 s, it makes a quarter turn to the left with a radius of 8 m.
     let heading: Vec<f64> = time_s.iter().map(|t| (t - 3.5).clamp(0.0, 2.513) * 5.0 / 8.0).collect();
     let mut at = [0.0, 0.0];
     let mut xy_m = Vec::new();

@@ -1,4 +1,4 @@
-//! A car's keypoints as the input of both baselines: viewing rays with confidences.
+//! Converts a car's keypoints to the input of both baselines: viewing rays with confidences.
 
 use nalgebra::{Vector2, Vector3};
 use roadplane_base::{Camera, KeypointSet, MIN_KEYPOINTS};
@@ -10,19 +10,19 @@ pub(crate) struct Observation {
     pub index: usize,
     /// Viewing ray in the camera frame, with z = 1.
     pub ray: Vector3<f64>,
-    /// Confidence, 0–1.
+    /// Confidence of the keypoint, 0–1.
     pub weight: f64,
 }
 
 impl Observation {
-    /// Returns the image coordinates for a camera of focal length 1.
+    /// Returns the image coordinates of the keypoint for a camera with focal length 1.
     pub fn xy(&self) -> Vector2<f64> {
         self.ray.xy()
     }
 }
 
-/// Returns the usable keypoints: finite, with a confidence above zero. Returns `None` below [`MIN_KEYPOINTS`] of them,
-/// or if the focal length is invalid.
+/// Returns the usable keypoints of a car: those with finite coordinates and a confidence above zero. Returns `None` if
+/// fewer than [`MIN_KEYPOINTS`] are usable, or if the focal length is not valid.
 pub(crate) fn observations(camera: &Camera, keypoints: &KeypointSet) -> Option<Vec<Observation>> {
     if !(camera.focal_px.is_finite() && camera.focal_px > 0.0) {
         return None;

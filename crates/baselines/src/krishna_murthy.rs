@@ -1,15 +1,21 @@
-//! Krishna Murthy et al. 2017: adjustment of pose, then of pose and shape (their §III-C and III-D).
+//! The method of Krishna Murthy et al. 2017. It adjusts the pose of a car, then pose and shape together (§III-C and
+//! III-D of their paper).
 //!
-//! Both steps minimise the reprojection error of the keypoints with iteratively reweighted least squares. The first one
-//! uses the mean car. A keypoint's weight is its confidence times a robust weight of its residual. The shape prior is
-//! the quadratic one of the basis. Their further terms, symmetry and planarity, hold in our atlas by construction.
+//! Both steps minimise the reprojection error of the keypoints with iteratively reweighted least squares. The first
+//! step uses the mean car. A keypoint's weight is its confidence times a robust weight of its residual. The shape prior
+//! is quadratic in the coefficients.
 //!
-//! Their cars are seen by a camera on a car, and two of their inputs do not exist here:
-//! - A net gives the viewpoint. We start from eight azimuths and keep the result with the lowest cost.
-//! - The camera's axis is parallel to the ground, and its height is known. So the lower edge of a box gives the
-//!   position of the car. A surveillance camera has an unknown tilt. Here the start has the depth at which the mean
-//!   car is as large as the box, and each azimuth is started with two tilts. The rotation is free in all three degrees
-//!   (theirs too, after the start), because a camera that is assumed level allows no right pose.
+//! Their paper has two more terms, symmetry and planarity. All shapes of the shape atlas satisfy both, so this code
+//! needs neither.
+//!
+//! In their paper, the camera is on a car. Two inputs of their method do not exist for a surveillance camera:
+//! - In their paper, a net gives the viewpoint. This code starts from eight azimuths, and returns the result with the
+//!   lowest cost.
+//! - In their paper, the camera's axis is parallel to the ground, and its height is known. So the lower edge of a box
+//!   gives the position of the car. A surveillance camera has an unknown tilt. This code starts at the depth at which
+//!   the mean car is as large as the box, and tries two tilts for each azimuth. The rotation has three degrees of
+//!   freedom, because a camera that is assumed to be level would allow no right pose. After its start, their method has
+//!   the same freedom.
 
 use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector2, Vector3};
 use roadplane_base::{Camera, KeypointSet, Shape, ShapeAtlas};
@@ -19,22 +25,22 @@ use crate::CarFit;
 use crate::evidence::{Observation, observations};
 use crate::reprojection::{Reprojection, State};
 
-/// Number of azimuths to start from.
+/// Number of initial azimuths of the car.
 const AZIMUTHS: usize = 8;
-/// Tilts of the camera to start from, rad: their level camera, and one that is tilted down.
+/// Initial tilts of the camera, rad: a level camera as in the paper, and a camera that is tilted down.
 const TILTS: [f64; 2] = [0.0, 0.5];
-/// sd of a keypoint as a share of the box's longer side.
+/// Sd of a keypoint, as a share of the longer side of the car's box.
 const SD_SHARE: f64 = 0.03;
-/// Residual from which a keypoint's weight falls (Huber), in sds.
+/// Residual above which a keypoint's weight falls (Huber loss), in sds.
 const HUBER_SD: f64 = 1.5;
-/// Most rounds of reweighting per step.
+/// Largest number of rounds of reweighting per step.
 const REWEIGHTINGS: usize = 8;
-/// Reweighting ends when the relative decrease of the robust cost is smaller.
+/// Relative decrease of the robust cost below which the reweighting ends.
 const COST_TOLERANCE: f64 = 1e-6;
 
 /// Fits the pose and shape of one car in front of a calibrated camera.
 ///
-/// Returns `None` with fewer than five usable keypoints, or if no start can be evaluated.
+/// Returns `None` with fewer than five usable keypoints, or if no initial pose has a finite cost.
 #[must_use]
 pub fn krishna_murthy(atlas: &ShapeAtlas, camera: &Camera, keypoints: &KeypointSet) -> Option<CarFit> {
     let observations = observations(camera, keypoints)?;
@@ -67,7 +73,8 @@ pub fn krishna_murthy(atlas: &ShapeAtlas, camera: &Camera, keypoints: &KeypointS
     Some(CarFit { camera_from_car, shape })
 }
 
-/// Returns the mean car on the ground of a camera with this tilt, in the middle of the box and as large as it.
+/// Returns the initial state: the mean car at an azimuth, for a camera with the given tilt. The car is in the middle of
+/// the box, and is as large as the box.
 fn start(
     atlas: &ShapeAtlas,
     observations: &[Observation],
@@ -75,7 +82,8 @@ fn start(
     azimuth: f64,
     tilt: f64,
 ) -> State {
-    // Columns: the car's axes in a level camera. At azimuth 0, forward is right and left is away from the camera.
+    // The columns are the car's axes in the frame of a level camera. At azimuth 0, the car's front points to the right
+    // and its left side points away from the camera.
     let level = Matrix3::new(1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, 1.0, 0.0);
     let level = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(level));
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), azimuth);
@@ -93,7 +101,8 @@ fn start(
     State { camera_from_car, translation, shape: Shape::zeros() }
 }
 
-/// Runs iteratively reweighted least squares to convergence. Returns the robust cost.
+/// Runs iteratively reweighted least squares until convergence. Returns the robust cost, or `None` if the cost cannot
+/// be computed.
 fn adjust(problem: &mut Reprojection<'_>, observations: &[Observation]) -> Option<f64> {
     let options = LmOptions { max_iterations: 30, cost_tolerance: 1e-7, ..LmOptions::default() };
     let mut last_cost = f64::INFINITY;
@@ -119,7 +128,7 @@ fn adjust(problem: &mut Reprojection<'_>, observations: &[Observation]) -> Optio
     Some(last_cost)
 }
 
-/// Returns Huber's loss and weight of a residual in sds.
+/// Returns the Huber loss and the Huber weight of a residual. `off` is the length of the residual in sds.
 fn huber(off: f64) -> (f64, f64) {
     if off <= HUBER_SD { (0.5 * off * off, 1.0) } else { (HUBER_SD * (off - 0.5 * HUBER_SD), HUBER_SD / off) }
 }

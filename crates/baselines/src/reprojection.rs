@@ -1,11 +1,15 @@
-//! Reprojection error of one car, with pose and shape free, as a least-squares problem for the solver of `solve`.
+//! The reprojection error of one car as a least-squares problem for the solver of the crate `solve`. The unknowns are
+//! the pose and shape of the car.
 //!
 //! ```text
 //! E = Σ_i ½ w_i ‖π(R S_i(c) + T) − z_i‖² / σ² + ½ ‖c‖²         π(X) = X_xy / X_z, for a focal length of 1
 //! ```
 //!
-//! A step is `(ω, δT, δc)` with `R ← exp(ω) R`. So with X = R S + T the Jacobian of a residual is `∂π/∂X · [−[R S]×, I,
-//! R V_1 … R V_6]`.
+//! The sum is over the observed keypoints i, with image points z_i, weights w_i and the sd σ. R and T are the rotation
+//! and translation of the car. S_i(c) is the point of the car with the shape coefficients c.
+//!
+//! A step is `(ω, δT, δc)` with `R ← exp(ω) R`. So with X = R S + T, the Jacobian of a residual is
+//! `∂π/∂X · [−[R S]×, I, R V_1 … R V_6]`. V_j is the vector of shape mode j at the keypoint.
 
 use nalgebra::{Matrix2x3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 use roadplane_base::{MODES, Shape, ShapeAtlas};
@@ -13,12 +17,12 @@ use roadplane_solve::{Problem, Trial};
 
 use crate::evidence::Observation;
 
-/// Number of unknowns: ω, T, c.
+/// Number of unknowns: three of the rotation, three of the translation, and the shape coefficients.
 const UNKNOWNS: usize = 6 + MODES;
-/// Least depth of a point that can be evaluated, m.
+/// Least depth of a point that can be projected, m.
 const MIN_DEPTH_M: f64 = 0.1;
 
-/// Pose and shape of the car.
+/// State of the problem: pose and shape of the car.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct State {
     pub camera_from_car: UnitQuaternion<f64>,
@@ -34,7 +38,7 @@ pub(crate) struct Reprojection<'a> {
     pub weights: Vec<f64>,
     /// The sd σ of a keypoint, in units of the focal length.
     pub sigma: f64,
-    /// Whether the shape c is free.
+    /// Whether the shape coefficients c are unknowns, too.
     pub shape_free: bool,
     pub state: State,
     trial: State,
@@ -59,7 +63,8 @@ impl<'a> Reprojection<'a> {
         }
     }
 
-    /// Returns the unweighted residual of each observation in σ; `None` if a point lies behind the camera.
+    /// Returns the unweighted residual of each observation, in units of σ. Returns `None` if a point lies behind the
+    /// camera or very close to it.
     pub fn residuals(&self, state: &State) -> Option<Vec<Vector2<f64>>> {
         let residual = |s: &Observation| {
             let x =

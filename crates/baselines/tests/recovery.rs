@@ -1,4 +1,4 @@
-//! Both baselines on keypoints with known poses.
+//! Tests both baselines on keypoints of cars with known poses.
 
 #![allow(clippy::unwrap_used, reason = "helpers of tests")]
 
@@ -13,8 +13,8 @@ fn camera_of(truth: &SceneTruth) -> Camera {
     Camera::centred(truth.params.focal_px(), truth.size)
 }
 
-/// Returns the rotation error (rad), relative translation error and norm of the shape error of every car of some
-/// scenes.
+/// Returns three errors of every car in the scenes of the seeds: rotation error (rad), relative translation error, and
+/// norm of the shape error.
 fn errors(method: Method, options: &SynthOptions, seeds: std::ops::Range<u64>) -> Vec<[f64; 3]> {
     let atlas = ShapeAtlas::shipped().unwrap();
     let mut errors = Vec::new();
@@ -58,7 +58,7 @@ fn mean_cars_come_out_exactly() {
 
 #[test]
 fn cars_of_other_shapes_come_out_nearly() {
-    // The prior changes the shapes a little; the pose must not suffer from it.
+    // The prior changes the shapes a little, but it must not spoil the pose.
     let options = SynthOptions { shape_sd: 1.0, ..noise_free() };
     for (name, method) in [("pavlakos", pavlakos as Method), ("krishna_murthy", krishna_murthy)] {
         let errors = errors(method, &options, 0..40);

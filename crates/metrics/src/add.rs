@@ -1,19 +1,23 @@
-//! ADD: average distance of a model's points (Hinterstoisser et al. 2012, "Model based training, detection and pose
-//! estimation of texture-less 3D objects", Eq. 10). Here it is in units of the object's diameter, as in the paper's
-//! Table 1.
+//! ADD: the average distance between the points of a car model under the true and under the estimated pose.
+//!
+//! The metric is that of Hinterstoisser et al. 2012, "Model based training, detection and pose estimation of
+//! texture-less 3D objects", Eq. 10. The tables give ADD in units of the object's diameter, as in Table 1 of Li et al.,
+//! *Car Pose in Context*.
 
 use nalgebra::{Isometry3, Point3};
 
-/// Thresholds in diameters: those of the paper's Tables 1 and 3, and before them stricter ones, at which today's
-/// methods differ.
+/// Thresholds of ADD, in diameters of the object. The list begins with strict thresholds, at which today's methods
+/// differ. It ends with those of Tables 1 and 3 of Li et al., *Car Pose in Context*.
 pub const THRESHOLDS: [f64; 8] = [0.05, 0.1, 0.2, 0.4, 0.8, 1.2, 1.6, 2.0];
 
 /// Returns the mean distance (m) between a car's true points and the same points of an estimate, in the camera frame.
 ///
-/// `true_points` and `estimated_points` are in the car frame and correspond by index. Points that either side lacks are
-/// left out. With the true points on both sides it is Hinterstoisser's ADD, which measures the pose alone. With the
-/// points of the estimated shape it is the paper's ADD, which measures the full output. The result is `None` without a
-/// common point.
+/// `true_points` and `estimated_points` are in the car frame (m), and correspond by index. A point that is missing on
+/// either side is left out. Returns `None` if no point is present on both sides.
+///
+/// If `estimated_points` are the true points, the result is Hinterstoisser's ADD, which measures the pose alone. If
+/// they are the points of the estimated shape, the result measures pose and shape, as in Li et al., *Car Pose in
+/// Context*.
 #[must_use]
 pub fn add_m(
     true_points: &[Option<Point3<f64>>],
@@ -29,8 +33,8 @@ pub fn add_m(
     (!distances.is_empty()).then(|| distances.iter().sum::<f64>() / distances.len() as f64)
 }
 
-/// Returns the largest distance between two of a car's points, m: the diameter that divides ADD. It is 0 below two
-/// points.
+/// Returns the diameter of a car: the largest distance between two of its points, m. ADD is divided by this diameter.
+/// The result is 0 for fewer than two points.
 #[must_use]
 pub fn diameter_m(points: &[Option<Point3<f64>>]) -> f64 {
     let present: Vec<&Point3<f64>> = points.iter().flatten().collect();
@@ -39,9 +43,10 @@ pub fn diameter_m(points: &[Option<Point3<f64>>]) -> f64 {
     pairs.fold(0.0, f64::max)
 }
 
-/// Returns the eight corners of a box of length, width and height (m) on the ground around the car's origin.
+/// Returns the eight corners of a 3D box in the car frame. The box has the given length, width and height (m). The
+/// centre of its bottom is the origin.
 ///
-/// They are the points of a car if only its dimensions are given.
+/// These corners replace a car's keypoints if the truth gives only the car's dimensions.
 #[must_use]
 pub fn box_corners([length, width, height]: [f64; 3]) -> [Option<Point3<f64>>; 8] {
     std::array::from_fn(|i| {

@@ -1,13 +1,15 @@
-//! Average precision of boxes as COCO defines it (Lin et al. 2014, "Microsoft COCO", and its evaluation code,
-//! pycocotools): greedy matching by score, ten IoU thresholds, 101 recall points, at most 100 detections per picture.
+//! Average precision (AP) of boxes, as COCO defines it (Lin et al. 2014, "Microsoft COCO").
+//!
+//! The computation follows COCO's evaluation code, pycocotools. Detections are matched greedily in the order of their
+//! scores. There are ten IoU thresholds, 101 recall points, and at most 100 detections per picture.
 
 use roadplane_base::bbox_iou;
 
 /// Number of IoU thresholds: 0.50, 0.55 … 0.95.
 pub const IOU_THRESHOLDS: usize = 10;
-/// Number of recall points: 0.00, 0.01 … 1.00.
+/// Number of recall values at which the precision is sampled: 0.00, 0.01 … 1.00.
 const RECALL_POINTS: usize = 101;
-/// Most detections of a picture that count, best first.
+/// Largest number of detections per picture. Only those with the highest scores are evaluated.
 const MAX_DETECTIONS: usize = 100;
 
 /// A true box.
@@ -15,32 +17,35 @@ const MAX_DETECTIONS: usize = 100;
 pub struct TrueBox {
     /// Left, top, right, bottom, px.
     pub bbox_px: [f64; 4],
-    /// Area that decides the size class, px²: that of the box, or of the object's outline if it is given.
+    /// Area that determines the size class ([`Size`]), px². It is the area of the object's outline if the outline is
+    /// given. Otherwise it is the area of the box.
     pub area_px2: f64,
-    /// Whether the box is neither found nor missed: too small, too hidden, or of another kind.
+    /// Whether the evaluation ignores the box, because it is too small, too hidden, or of another category. An ignored
+    /// box is never a miss, and a detection of it is no false alarm.
     pub ignore: bool,
-    /// Whether it is a region with several objects: any number of detections may lie in it, and none of them is wrong.
+    /// Whether the box is a region with several objects. Any number of detections may lie in the region, and none of
+    /// them is a false alarm.
     pub crowd: bool,
 }
 
 impl TrueBox {
-    /// Returns a box that counts or is ignored; its own area decides the size class.
+    /// Creates a true box that is not a crowd region. The area of the box determines its size class.
     #[must_use]
     pub fn new(bbox_px: [f64; 4], ignore: bool) -> Self {
         Self { bbox_px, area_px2: area(&bbox_px), ignore, crowd: false }
     }
 }
 
-/// A detection.
+/// A detected box with its score.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FoundBox {
     /// Left, top, right, bottom, px.
     pub bbox_px: [f64; 4],
-    /// Score; only the order of scores matters.
+    /// Score of the detection. Only the order of the scores matters.
     pub score: f64,
 }
 
-/// The true and found boxes of one picture.
+/// The true boxes and the detections of one picture.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct PictureBoxes {
     /// The true boxes.
@@ -49,16 +54,16 @@ pub struct PictureBoxes {
     pub found: Vec<FoundBox>,
 }
 
-/// The size classes of COCO, by the box's area.
+/// A size class of COCO, by the area of the box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Size {
     /// Any size.
     All,
-    /// Below 32² px.
+    /// Area up to 32² px².
     Small,
-    /// 32² to 96² px.
+    /// Area of 32² to 96² px².
     Medium,
-    /// Above 96² px.
+    /// Area of 96² px² or more.
     Large,
 }
 
@@ -80,23 +85,23 @@ impl Size {
 /// Average precision, 0–1 (AP of COCO).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct AveragePrecision {
-    /// Mean over the ten IoU thresholds.
+    /// Mean of the average precision over the ten IoU thresholds.
     pub ap: f64,
-    /// At IoU 0.5.
+    /// Average precision at the IoU threshold 0.5.
     pub ap50: f64,
 }
 
-/// The matched detections of one picture, for one size class.
+/// The result of matching one picture's detections with its true boxes, for one size class.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PictureMatch {
-    /// Number of true boxes that count.
+    /// Number of true boxes that are not ignored.
     to_find: usize,
-    /// For each IoU threshold, the detections that count: score, and whether it is a hit.
+    /// For each IoU threshold, the detections that are evaluated: the score of each, and whether it is a hit.
     outcomes: [Vec<(f64, bool)>; IOU_THRESHOLDS],
 }
 
 impl PictureMatch {
-    /// Matches the boxes of a picture, which must all be of one category.
+    /// Matches the detections of a picture with its true boxes. All boxes must be of one category.
     #[must_use]
     pub fn of(picture: &PictureBoxes, size: Size) -> Self {
         Self {
@@ -106,7 +111,8 @@ impl PictureMatch {
     }
 }
 
-/// Returns the AP of all pictures; `None` if they have no true box that counts.
+/// Returns the average precision over all pictures. Returns `None` if the pictures have no true boxes, or if all true
+/// boxes are ignored.
 #[must_use]
 pub fn average_precision(pictures: &[&PictureMatch]) -> Option<AveragePrecision> {
     let at: Option<Vec<f64>> = (0..IOU_THRESHOLDS).map(|step| at_threshold(pictures, step)).collect();
@@ -121,7 +127,7 @@ fn at_threshold(pictures: &[&PictureMatch], step: usize) -> Option<f64> {
     if to_find == 0 {
         return None;
     }
-    // The sort is stable, so equal scores stay in the pictures' order.
+    // The sort is stable: detections with equal scores keep the order of their pictures.
     outcomes.sort_by(|a, b| b.0.total_cmp(&a.0));
     let mut hits = 0usize;
     let mut curve: Vec<(f64, f64)> = Vec::with_capacity(outcomes.len());
@@ -129,14 +135,15 @@ fn at_threshold(pictures: &[&PictureMatch], step: usize) -> Option<f64> {
         hits += usize::from(*hit);
         curve.push((hits as f64 / to_find as f64, hits as f64 / ((i + 1) as f64 + f64::EPSILON)));
     }
-    // Precision at a recall is the best precision at that recall or above.
+    // The precision at a recall value is the best precision at that recall or any higher recall.
     let mut best = 0.0f64;
     for point in curve.iter_mut().rev() {
         best = best.max(point.1);
         point.1 = best;
     }
     let precision_at = |k: usize| {
-        // The same values as NumPy's linspace: where the recall is a round number, the last bit decides.
+        // These are the values of NumPy's linspace. If the recall is a round number, the last bit decides the
+        // comparison.
         let recall = if k + 1 == RECALL_POINTS { 1.0 } else { k as f64 * 0.01 };
         curve.get(curve.partition_point(|point| point.0 < recall)).map_or(0.0, |point| point.1)
     };
@@ -147,7 +154,7 @@ fn ignored(truth: &TrueBox, size: Size) -> bool {
     truth.ignore || truth.crowd || !size.holds(truth.area_px2)
 }
 
-/// Returns the detections that count: the score, and whether it is a hit.
+/// Returns the detections that are evaluated: the score of each, and whether it is a hit.
 fn matched(picture: &PictureBoxes, size: Size, threshold: f64) -> Vec<(f64, bool)> {
     let mut truths: Vec<&TrueBox> = picture.truth.iter().collect();
     truths.sort_by_key(|truth| ignored(truth, size));
@@ -163,7 +170,7 @@ fn matched(picture: &PictureBoxes, size: Size, threshold: f64) -> Vec<(f64, bool
             if taken[g] && !truth.crowd {
                 continue;
             }
-            // A match with a true box that counts is not given up for an ignored box. Ignored boxes come last.
+            // Ignored boxes come last in the list. They never replace a match with a box that is not ignored.
             if best.is_some_and(|b| !ignored(truths[b], size)) && ignored(truth, size) {
                 break;
             }
@@ -187,7 +194,8 @@ fn matched(picture: &PictureBoxes, size: Size, threshold: f64) -> Vec<(f64, bool
     outcomes
 }
 
-/// Returns the IoU; for a crowd, the share of the detection that lies in it.
+/// Returns the IoU of a detection and a true box. For a crowd region, returns the share of the detection's area that
+/// lies in the region.
 fn overlap(found: &FoundBox, truth: &TrueBox) -> f64 {
     let (a, b) = (&found.bbox_px, &truth.bbox_px);
     if !truth.crowd {
@@ -220,12 +228,12 @@ mod tests {
             found: vec![
                 FoundBox { bbox_px: [0.0, 0.0, 10.0, 10.0], score: 0.9 },
                 FoundBox { bbox_px: [100.0, 0.0, 110.0, 10.0], score: 0.8 },
-                // IoU 0.8 with the second: a hit at thresholds 0.5 … 0.8, seven of ten.
+                // The IoU with the second true box is 0.8: a hit at seven of the ten thresholds (0.5 … 0.8).
                 FoundBox { bbox_px: [50.0, 0.0, 58.0, 10.0], score: 0.7 },
             ],
         };
         let result = ap(&picture, Size::All).unwrap();
-        // Recall 0–0.5 at precision 1 (51 points), to 1.0 at 2/3 (50 points).
+        // The precision is 1 for recall 0–0.5 (51 points), and 2/3 up to recall 1.0 (50 points).
         let both = (51.0 + 50.0 * 2.0 / 3.0) / 101.0;
         assert!((result.ap50 - both).abs() < 1e-9, "{result:?}");
         assert!((result.ap - (7.0 * both + 3.0 * 51.0 / 101.0) / 10.0).abs() < 1e-9);

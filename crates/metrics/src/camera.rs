@@ -1,27 +1,32 @@
-//! Errors of focal length and ground plane (paper §Experiments, focal-length study: errors relative to the truth).
+//! Errors of the focal length and the ground plane.
+//!
+//! The error of the focal length is relative to the truth, as in the focal-length study of Li et al., *Car Pose in
+//! Context* (§Experiments).
 
 use nalgebra::Matrix4;
 use roadplane_base::GroundPlane;
 
-/// Errors of one estimated camera, signed: estimate minus truth.
+/// Errors of one estimated camera. Errors are signed: estimate minus truth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraError {
     /// Error of the focal length f, relative to the truth f*: (f − f*) / f*.
     pub focal_relative: f64,
-    /// Error of the tilt (optical axis below the horizontal), rad.
+    /// Error of the tilt, rad. The tilt is the angle of the optical axis below the horizontal.
     pub tilt_rad: f64,
-    /// Error of the roll (turn of the horizon), rad.
+    /// Error of the roll, rad. The roll is the rotation of the horizon in the picture.
     pub roll_rad: f64,
-    /// Angle between the plane normals, rad; not negative.
+    /// Angle between the estimated and the true plane normal, rad. The angle is never negative.
     pub normal_rad: f64,
     /// Error of the height h, relative to the truth h*: (h − h*) / h*.
     pub height_relative: f64,
-    /// Errors of log f, tilt and log h in claimed sds; NaN if no sd is claimed.
+    /// Errors of the log focal length, tilt and log height. Each is divided by the standard deviation that the
+    /// estimator reports, or is NaN if the estimator reports none.
     pub in_sds: [f64; 3],
 }
 
 impl CameraError {
-    /// Returns the errors with `in_sds` filled in, from the claimed covariance of (log f, tilt, roll, log h).
+    /// Returns a copy of the errors in which `in_sds` is computed. `covariance` is the covariance that the estimator
+    /// reports for (log focal length, tilt, roll, log height).
     #[must_use]
     pub fn against_claimed(self, covariance: &Matrix4<f64>) -> Self {
         let in_sds = |error: f64, number: usize| {
@@ -33,7 +38,8 @@ impl CameraError {
     }
 }
 
-/// Returns the errors of an estimated focal length (px) and plane against the true ones.
+/// Returns the errors of an estimated focal length (px) and ground plane against the true ones. `in_sds` of the result
+/// is NaN.
 #[must_use]
 pub fn camera_error(
     focal_px: f64,

@@ -1,38 +1,40 @@
-//! CLEAR MOT (Bernardin & Stiefelhagen 2008, "Evaluating Multiple Object Tracking Performance"), computed as in
-//! TrackEval. Matches of the frame before are kept while they pass the threshold; the others are made by greatest
-//! similarity.
+//! The tracking metrics CLEAR MOT (Bernardin & Stiefelhagen 2008, "Evaluating Multiple Object Tracking Performance"),
+//! computed as in the program TrackEval.
+//!
+//! A match of the previous frame continues while its similarity passes the threshold. The remaining objects are matched
+//! to give the greatest sum of similarities.
 
 use std::collections::BTreeMap;
 
 use super::sequence::{EPSILON, SequenceFrame};
 
-/// Least similarity of a match (on the ground: 2 m).
+/// Least similarity of two objects that are matched. On the ground it is the similarity at a distance of 2 m.
 pub const THRESHOLD: f64 = 0.5;
 
-/// The counts that CLEAR MOT is computed from. Counts of several clips add up.
+/// Counts from which the CLEAR MOT metrics are computed. The counts of several clips may be added.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Clear {
-    /// Number of matches.
+    /// Number of matches between true and estimated objects, summed over all frames.
     pub hits: u64,
-    /// Number of true objects without a match.
+    /// Number of true objects without a match, summed over all frames.
     pub misses: u64,
-    /// Number of found objects without a match.
+    /// Number of estimated objects without a match, summed over all frames.
     pub false_alarms: u64,
-    /// Number of times that a true track continues under another id.
+    /// Number of identity switches. A switch is a match of a true track with another estimated track than before.
     pub switches: u64,
-    /// Sum of the matches' similarities.
+    /// Sum of the similarities of all matches.
     pub similarity: f64,
 }
 
 impl Clear {
-    /// Counts one clip.
+    /// Returns the counts of one clip.
     #[must_use]
     pub fn of(clip: &[SequenceFrame]) -> Self {
         let mut last_of: BTreeMap<u64, u64> = BTreeMap::new();
         let mut in_frame_before: BTreeMap<u64, u64> = BTreeMap::new();
         let mut counts = Self::default();
         for frame in clip {
-            // As in the reference, the frame before is the last one with objects on both sides.
+            // As in TrackEval, the previous frame is the last frame with both true and estimated objects.
             if frame.truth.is_empty() || frame.found.is_empty() {
                 counts.misses += frame.truth.len() as u64;
                 counts.false_alarms += frame.found.len() as u64;
@@ -60,7 +62,7 @@ impl Clear {
         counts
     }
 
-    /// Returns the counts of several clips together.
+    /// Returns the sum of the counts of several clips.
     #[must_use]
     pub fn sum<'a>(clips: impl IntoIterator<Item = &'a Self>) -> Self {
         clips.into_iter().fold(Self::default(), |sum, clip| Self {
@@ -72,8 +74,8 @@ impl Clear {
         })
     }
 
-    /// Returns MOTA: 1 − (misses + false alarms + switches) / truths. It is below 0 if there are more errors than
-    /// truths.
+    /// Returns MOTA: 1 − (misses + false alarms + switches) / true objects. MOTA is negative if there are more errors
+    /// than true objects.
     #[must_use]
     pub fn mota(&self) -> f64 {
         let truths = (self.hits + self.misses).max(1) as f64;
@@ -96,10 +98,11 @@ mod tests {
     fn misses_false_alarms_and_switches_are_counted() {
         let sequence = [
             frame(&[1, 2], &[7, 8], &[&[0.9, 0.0], &[0.0, 0.8]]),
-            // Track 1 continues as 9. Track 8 is too far from 2: a miss and a false alarm.
+            // Estimated track 9 replaces track 7: a switch. Track 8 is too far from true track 2: a miss and a false
+            // alarm.
             frame(&[1, 2], &[9, 8], &[&[0.7, 0.0], &[0.0, 0.4]]),
             frame(&[1], &[], &[&[]]),
-            // Track 1 is 7 again: another switch.
+            // True track 1 is matched with track 7 again: another switch.
             frame(&[1], &[7], &[&[0.6]]),
         ];
         let score = Clear::of(&sequence);

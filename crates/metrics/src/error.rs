@@ -1,10 +1,10 @@
-//! Errors of reading and comparing files. The path comes last in each message.
+//! The error type of this crate. A message about a file ends with the path of the file.
 
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-/// The reason why files cannot be compared.
+/// The reason why files cannot be read or compared.
 #[derive(Debug, Error)]
 pub enum MetricsError {
     /// A file cannot be read.
@@ -15,15 +15,15 @@ pub enum MetricsError {
         /// The file.
         path: PathBuf,
     },
-    /// A file is not of its documented form.
+    /// A file does not have its documented format.
     #[error("{what}: {}", path.display())]
     Malformed {
-        /// The field or line, and the fault in it.
+        /// The faulty field or line, and the fault.
         what: String,
         /// The file.
         path: PathBuf,
     },
-    /// Files do not belong together, or hold too little to compare.
+    /// Files belong to different inputs, or contain too little data for a comparison.
     #[error("{what}")]
     Unsuitable {
         /// The fault, and how to correct it.
@@ -32,13 +32,14 @@ pub enum MetricsError {
 }
 
 impl MetricsError {
-    /// Returns the error for a file that is not of its documented form.
+    /// Returns the error for a file that does not have its documented format. `what` names the faulty field or line,
+    /// and the fault.
     #[must_use]
     pub fn malformed(path: &Path, what: impl ToString) -> Self {
         Self::Malformed { what: what.to_string(), path: path.to_path_buf() }
     }
 
-    /// Returns the error for a file that cannot be read.
+    /// Returns the error for a file that cannot be read. `source` is the error of the operating system.
     #[must_use]
     pub fn unreadable(path: &Path, source: std::io::Error) -> Self {
         Self::Unreadable { source, path: path.to_path_buf() }

@@ -1,45 +1,54 @@
-//! HOTA (Luiten et al. 2021, "HOTA: A Higher Order Metric for Evaluating Multi-Object Tracking"), computed as in
-//! TrackEval: one assignment per frame by global alignment times similarity, then 19 localisation thresholds.
+//! The tracking metric HOTA (Luiten et al. 2021, "HOTA: A Higher Order Metric for Evaluating Multi-Object Tracking"),
+//! computed as in the program TrackEval.
+//!
+//! Every frame has one assignment between true and estimated objects. The score of a pair is its similarity times the
+//! global alignment of its tracks. The assignment has the greatest sum of scores, and all 19 localisation thresholds
+//! use it.
 
 use std::collections::BTreeMap;
 
 use super::sequence::{EPSILON, SequenceFrame, lengths};
 
-/// Number of localisation thresholds: 0.05, 0.10 … 0.95.
+/// Number of localisation thresholds. The thresholds are similarities: 0.05, 0.10 … 0.95.
 pub const THRESHOLDS: usize = 19;
 
-/// HOTA and its parts, as means over the thresholds, 0–1.
+/// HOTA and its parts. Each value is 0–1 and is the mean over all thresholds.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Hota {
-    /// √(DetA · AssA) at each threshold, averaged (Eq. 15, 17).
+    /// HOTA: the geometric mean √(DetA · AssA) of detection and association accuracy (Eq. 15, 17).
     pub hota: f64,
-    /// Detection accuracy: TP / (TP + FN + FP) (Eq. 18).
+    /// Detection accuracy DetA = TP / (TP + FN + FP), from the numbers of matches (TP), misses (FN) and false alarms
+    /// (FP) (Eq. 18).
     pub det_a: f64,
-    /// Association accuracy: mean over TP of TPA / (TPA + FNA + FPA) (Eq. 16).
+    /// Association accuracy AssA: the mean over all matches of TPA / (TPA + FNA + FPA) (Eq. 16).
+    ///
+    /// TPA is the number of frames in which the two tracks of a match are matched with each other. FNA and FPA count
+    /// the remaining frames of the true track and of the estimated track.
     pub ass_a: f64,
-    /// Localisation accuracy: mean similarity of TP (Eq. 21).
+    /// Localisation accuracy LocA: the mean similarity of the matches (Eq. 21).
     pub loc_a: f64,
 }
 
-/// The counts that HOTA is computed from. Counts of several clips add up.
+/// Counts from which HOTA is computed. The counts of several clips may be added.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct HotaCounts {
-    /// Number of true cars, counted per frame.
+    /// Number of true objects, summed over all frames.
     pub truths: f64,
-    /// Number of found cars, counted per frame.
+    /// Number of estimated objects, summed over all frames.
     pub founds: f64,
-    /// For each threshold: TP, the sum over TP of TPA / (TPA + FNA + FPA), the sum over TP of the similarity.
+    /// Three values for each threshold: the number of matches, the sum of their association accuracies, and the sum of
+    /// their similarities.
     pub at: [[f64; 3]; THRESHOLDS],
 }
 
 impl HotaCounts {
-    /// Counts one clip.
+    /// Returns the counts of one clip.
     #[must_use]
     pub fn of(clip: &[SequenceFrame]) -> Self {
         let truth_frames = lengths(clip, |frame| &frame.truth);
         let found_frames = lengths(clip, |frame| &frame.found);
         let alignment = global_alignment(clip, &truth_frames, &found_frames);
-        // Matched pairs with their similarity. All thresholds share one assignment.
+        // Matched pairs of tracks with their similarity. All thresholds use the same pairs.
         let mut matches: Vec<((u64, u64), f64)> = Vec::new();
         for frame in clip {
             let score = |i: usize, j: usize| {
@@ -68,7 +77,7 @@ impl HotaCounts {
         Self { truths: truth_frames.values().sum(), founds: found_frames.values().sum(), at }
     }
 
-    /// Returns the counts of several clips together, as the reference combines sequences.
+    /// Returns the sum of the counts of several clips, as TrackEval combines sequences.
     #[must_use]
     pub fn sum<'a>(clips: impl IntoIterator<Item = &'a Self>) -> Self {
         clips.into_iter().fold(Self::default(), |mut sum, clip| {
@@ -81,7 +90,7 @@ impl HotaCounts {
         })
     }
 
-    /// Computes the scores.
+    /// Computes HOTA and its parts from the counts.
     #[must_use]
     pub fn score(&self) -> Hota {
         let mut sums = Hota { hota: 0.0, det_a: 0.0, ass_a: 0.0, loc_a: 0.0 };
@@ -91,7 +100,7 @@ impl HotaCounts {
             sums.det_a += det_a;
             sums.ass_a += ass_a;
             sums.hota += (det_a * ass_a).sqrt();
-            // Without matches the localisation is perfect, as in the reference.
+            // As in TrackEval, the localisation accuracy is 1 if there are no matches.
             sums.loc_a += if hits > 0.0 { similarity / hits } else { 1.0 };
         }
         let mean = |sum: f64| sum / THRESHOLDS as f64;
@@ -104,8 +113,10 @@ impl HotaCounts {
     }
 }
 
-/// Returns the similarity of two tracks over the whole sequence (Jaccard index of soft matches). It keeps identities
-/// together if several pairings of a frame are alike.
+/// Returns the global alignment of each pair of a true and an estimated track: the Jaccard index of their soft matches
+/// over the whole sequence.
+///
+/// The alignment decides between assignments that are equally good in a single frame.
 fn global_alignment(
     sequence: &[SequenceFrame],
     truth_frames: &BTreeMap<u64, f64>,
@@ -151,7 +162,8 @@ mod tests {
 
     #[test]
     fn a_track_cut_in_two_loses_association_only() {
-        // Four frames, ids 7, 7, 8, 8: DetA is 1. Each match has TPA 2, FNA 2, FPA 0, so AssA is 1/2.
+        // The ids in the four frames are 7, 7, 8, 8, so DetA is 1. Each match has TPA 2, FNA 2 and FPA 0, so AssA is
+        // 1/2.
         let sequence: Vec<_> = [7, 7, 8, 8].iter().map(|id| frame(&[1], &[*id], &[&[1.0]])).collect();
         let score = score(&sequence);
         assert!((score.det_a - 1.0).abs() < 1e-12 && (score.ass_a - 0.5).abs() < 1e-12, "{score:?}");
@@ -160,7 +172,7 @@ mod tests {
 
     #[test]
     fn poor_positions_count_at_low_thresholds_only() {
-        // Similarity 0.5 passes ten of the 19 thresholds; one false track in one of two frames.
+        // A similarity of 0.5 passes ten of the 19 thresholds. One of the two frames has a false track.
         let sequence = [frame(&[1], &[7], &[&[0.5]]), frame(&[1], &[7, 9], &[&[0.5, 0.0]])];
         let score = score(&sequence);
         assert!((score.det_a - 10.0 / 19.0 * (2.0 / 3.0)).abs() < 1e-12, "{score:?}");

@@ -1,5 +1,7 @@
-//! Identity measures (Ristani et al. 2016, "Performance Measures and a Data Set for Multi-Target, Multi-Camera
-//! Tracking"): one assignment of tracks for the whole sequence.
+//! The identity metrics IDF1, IDP and IDR (Ristani et al. 2016, "Performance Measures and a Data Set for Multi-Target,
+//! Multi-Camera Tracking").
+//!
+//! True and estimated tracks are assigned to each other once for the whole sequence.
 
 use std::collections::BTreeMap;
 
@@ -7,22 +9,22 @@ use roadplane_base::assign;
 
 use super::sequence::{EPSILON, SequenceFrame, lengths};
 
-/// Least similarity of a match.
+/// Least similarity of two objects that are matched.
 pub const THRESHOLD: f64 = 0.5;
 
-/// The counts that the identity measures are computed from. Counts of several clips add up.
+/// Counts from which the identity metrics are computed. The counts of several clips may be added.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Identity {
-    /// Number of cars with their right identity, counted per frame (IDTP).
+    /// Number of objects with the right identity (IDTP), summed over all frames.
     pub hits: f64,
-    /// Number of true cars, counted per frame.
+    /// Number of true objects, summed over all frames.
     pub truths: f64,
-    /// Number of found cars, counted per frame.
+    /// Number of estimated objects, summed over all frames.
     pub founds: f64,
 }
 
 impl Identity {
-    /// Counts one clip.
+    /// Returns the counts of one clip.
     #[must_use]
     pub fn of(clip: &[SequenceFrame]) -> Self {
         let truth_frames = lengths(clip, |frame| &frame.truth);
@@ -37,7 +39,7 @@ impl Identity {
                 }
             }
         }
-        // The fewest wrong identities have the most common frames: each common frame saves one miss and one false
+        // The best assignment has the most common frames, because each common frame avoids one miss and one false
         // alarm.
         let truths: Vec<u64> = truth_frames.keys().copied().collect();
         let founds: Vec<u64> = found_frames.keys().copied().collect();
@@ -50,7 +52,7 @@ impl Identity {
         }
     }
 
-    /// Returns the counts of several clips together.
+    /// Returns the sum of the counts of several clips.
     #[must_use]
     pub fn sum<'a>(clips: impl IntoIterator<Item = &'a Self>) -> Self {
         clips.into_iter().fold(Self::default(), |sum, clip| Self {
@@ -60,19 +62,19 @@ impl Identity {
         })
     }
 
-    /// Returns IDF1 = 2 IDTP / (truths + founds) (Eq. 10), 0–1.
+    /// Returns IDF1 = 2 IDTP / (true objects + estimated objects), 0–1 (Eq. 10).
     #[must_use]
     pub fn idf1(&self) -> f64 {
         self.hits / (0.5 * (self.truths + self.founds)).max(1.0)
     }
 
-    /// Returns IDP = IDTP / founds (Eq. 8), 0–1.
+    /// Returns the precision IDP = IDTP / estimated objects, 0–1 (Eq. 8).
     #[must_use]
     pub fn precision(&self) -> f64 {
         self.hits / self.founds.max(1.0)
     }
 
-    /// Returns IDR = IDTP / truths (Eq. 9), 0–1.
+    /// Returns the recall IDR = IDTP / true objects, 0–1 (Eq. 9).
     #[must_use]
     pub fn recall(&self) -> f64 {
         self.hits / self.truths.max(1.0)

@@ -1,13 +1,14 @@
-//! Metrics of detections, tracks, poses and cameras, with the truth files and readers that they need.
+//! Metrics of detections, tracks, poses and cameras, and readers of the files that they compare.
 //!
-//! The crate depends on `base` only, so other programs can use it alone. Each metric is one file that cites its source.
+//! This crate needs only one other crate of this project, `base`. So other programs can use it alone. Each metric has a
+//! file of its own, which cites the source of the metric.
 //!
 //! # Contents
 //! ```text
-//! readers/    files of other programs: KITTI, KPF, COCO, MOT Challenge, reference cameras
-//! truth/      our own truth files
-//! scoring/    which estimate belongs to which true vehicle, and the errors of each pair
-//! hota.rs, clear.rs, identity.rs             tracks: HOTA, MOTA, IDF1; sequence.rs holds their input
+//! readers/    reads files of other programs: KITTI, KPF, COCO, MOT Challenge, reference cameras
+//! truth/      reads the truth files of this project
+//! scoring/    pairs estimates with true vehicles, and computes the errors of each pair
+//! hota.rs, clear.rs, identity.rs             tracks: HOTA, MOTA, IDF1; their input is in sequence.rs
 //! add.rs, viewpoint.rs, reprojection.rs      poses
 //! average_precision.rs                       boxes
 //! camera.rs, position.rs, motion.rs          cameras, positions, speeds and headings

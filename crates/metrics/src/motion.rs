@@ -3,16 +3,16 @@
 use nalgebra::Vector2;
 use roadplane_base::angle_difference;
 
-/// Errors of one car's motion in one frame.
+/// Errors of one car's speed and heading in one frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MotionError {
     /// Absolute error of the speed, m/s.
     pub speed_mps: f64,
-    /// Angle between the headings, rad in 0–π.
+    /// Angle between the estimated and the true heading, rad in 0–π.
     pub heading_rad: f64,
 }
 
-/// Returns the errors of an estimated speed (m/s) and heading (rad).
+/// Returns the errors of an estimated speed (m/s) and heading (rad) against the true ones.
 #[must_use]
 pub fn motion_error(
     speed_mps: f64,
@@ -26,9 +26,10 @@ pub fn motion_error(
     }
 }
 
-/// Returns the root mean square displacement (m) from frame to frame of a parked car's track.
+/// Returns the jitter of a parked car's track: the root mean square displacement between consecutive frames, m.
 ///
-/// `positions_m` are its positions on the ground in consecutive frames. The result is `None` below two positions.
+/// `positions_m` are the track's positions on the ground in consecutive frames. Returns `None` for fewer than two
+/// positions.
 #[must_use]
 pub fn jitter_m(positions_m: &[Vector2<f64>]) -> Option<f64> {
     let squares = positions_m.windows(2).map(|pair| (pair[1] - pair[0]).norm_squared());

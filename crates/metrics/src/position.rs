@@ -1,38 +1,40 @@
-//! Position error on the ground by distance from the camera.
+//! Errors of positions on the ground, grouped by the distance from the camera.
 
 use nalgebra::Vector2;
 use roadplane_base::Similarity;
 
-/// The range of distances that counts as "at 40 m", m: from, up to.
+/// Range of distances that the tables call "at 40 m": lower and upper limit, m.
 pub const AT_40_M: [f64; 2] = [30.0, 50.0];
-/// The range of all distances, m.
+/// Range that includes all distances: lower and upper limit, m.
 pub const ALL_M: [f64; 2] = [0.0, f64::INFINITY];
-/// The ranges of distance in the tables, m; [`AT_40_M`] overlaps its neighbours.
+/// Ranges of distance in the tables: lower and upper limit, m. [`AT_40_M`] overlaps its neighbours.
 pub const RANGES_M: [[f64; 2]; 7] =
     [[0.0, 20.0], [20.0, 40.0], AT_40_M, [40.0, 60.0], [60.0, 80.0], [80.0, f64::INFINITY], ALL_M];
 
-/// Error of an estimated position, and its distance from the camera.
+/// Error of one estimated position, with the true distance from the camera.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PositionError {
     /// True distance from the camera's foot point on the ground, m.
     pub distance_m: f64,
-    /// Length of the error on the ground, m; infinite without an estimate.
+    /// Distance between the estimated and the true position on the ground, m. It is infinite without an estimate.
     pub error_m: f64,
-    /// Length of the error after the scene's positions are aligned with the true ones, m.
+    /// Distance between the estimated and the true position after alignment, m. The alignment moves all estimated
+    /// positions of the scene together.
     pub aligned_m: f64,
 }
 
-/// Fewest cars of a scene that is aligned; with fewer cars the alignment would hide their errors.
+/// Least number of cars in a scene that is aligned. With fewer cars, the alignment would hide the errors of the cars.
 const FEWEST_ALIGNED: usize = 5;
 
 /// Returns the errors of a scene's estimated positions against the true ones, m.
 ///
-/// `positions_m` are pairs of estimate and truth, each in its own world (x right, y ahead of the camera, origin at its
-/// foot point). So errors of the estimated camera count. `cars` is the number of different cars.
+/// `positions_m` are pairs of an estimated and a true position. Each position is in its own world frame: the origin is
+/// the camera's foot point, x points right and y ahead. So the errors include errors of the estimated camera. `cars` is
+/// the number of different cars.
 ///
-/// Aligned errors are those after the least-squares turn, shift and scale of the ground (Umeyama 1991, IEEE PAMI 13),
-/// as for trajectories of one camera (Sturm et al. 2012, IROS). So they exclude the part that a few surveyed
-/// points or lengths would remove.
+/// The alignment is the rotation, shift and scale on the ground with the least squared errors (Umeyama 1991, IEEE PAMI
+/// 13). Sturm et al. 2012 (IROS) align the trajectories of a single camera in this manner. Aligned errors exclude the
+/// part that a few surveyed points or lengths would remove.
 #[must_use]
 pub fn position_errors(
     positions_m: &[(Option<Vector2<f64>>, Vector2<f64>)],
@@ -49,13 +51,13 @@ pub fn position_errors(
     positions_m.iter().map(of).collect()
 }
 
-/// Returns whether a distance (m) lies in a range.
+/// Returns whether a distance (m) is in a range. The lower limit belongs to the range, and the upper limit does not.
 #[must_use]
 pub fn in_range([from_m, to_m]: [f64; 2], distance_m: f64) -> bool {
     (from_m..to_m).contains(&distance_m)
 }
 
-/// Returns the name of a range: `20–40 m`, `≥ 80 m`, `all`.
+/// Returns the name of a range of distances, such as `20–40 m`, `≥ 80 m` or `all`.
 #[must_use]
 pub fn range_name([from_m, to_m]: [f64; 2]) -> String {
     match (from_m, to_m) {
@@ -97,7 +99,7 @@ mod tests {
         // The alignment does not hide the error of one car.
         positions[5].0 = Some(truth[5] + Vector2::new(3.0, 0.0));
         assert!(position_errors(&positions, positions.len())[5].aligned_m > 1.0);
-        // Two cars, three times each, are not aligned.
+        // If the six positions belong to two cars only, they are not aligned.
         assert!(position_errors(&positions, 2)[0].aligned_m > 0.5);
     }
 }

@@ -1,5 +1,5 @@
-//! Readers of files of other programs: reference cameras, KITTI, KPF, COCO and MOT Challenge boxes. A malformed file
-//! gives an error that names the file and the line.
+//! Readers for file formats of other programs: reference cameras, KITTI, KPF, COCO and MOT Challenge. The error for a
+//! malformed file names the file and the faulty line or field.
 
 pub mod cameras;
 pub mod coco;
@@ -13,19 +13,20 @@ use std::str::FromStr;
 use crate::MetricsError;
 use crate::text_file::read_text;
 
-/// Parses field `index` of a line; `name` is for the error.
+/// Parses the field with this index in a line. `name` is the name of the field in error messages.
 fn field<T: FromStr>(fields: &[&str], index: usize, name: &str) -> Result<T, String> {
     let text = fields.get(index).ok_or_else(|| format!("{name} is missing"))?;
     text.parse().ok().ok_or_else(|| format!("{name} {text:?} is not a valid value"))
 }
 
-/// Parses field `index` of a line as a finite number.
+/// Parses the field with this index in a line as a finite number. `name` is the name of the field in error messages.
 fn number(fields: &[&str], index: usize, name: &str) -> Result<f64, String> {
     let value: f64 = field(fields, index, name)?;
     if value.is_finite() { Ok(value) } else { Err(format!("{name} is not finite")) }
 }
 
-/// Reads every line that is not empty. `split` finds its fields, and `read` converts them. Errors name the line.
+/// Reads all lines that are not empty. `split` divides a line into fields, and `read` converts the fields to a value.
+/// Errors name the line.
 fn lines<T>(
     path: &Path,
     split: impl Fn(&str) -> Vec<&str>,

@@ -1,12 +1,13 @@
-//! Reprojection error: distance of an estimate's keypoints from the true ones in the picture.
+//! Reprojection error: the distance in the picture between estimated and true keypoints.
 
 use nalgebra::{Isometry3, Point3, Vector2};
 use roadplane_base::Camera;
 
-/// Returns the root mean square distance (px) of an estimate's projected keypoints from the true pixels.
+/// Returns the root mean square distance (px) between an estimate's projected keypoints and the true pixels.
 ///
-/// Both are given by keypoint index; the estimate's points are in the car frame, and the estimated camera projects
-/// them. The result is `None` without a common keypoint, or if a point lies behind the camera.
+/// `points_in_car` and `true_pixels` have one entry per keypoint. The estimated camera and pose project the points,
+/// which are in the car frame (m). Returns `None` if no keypoint is present on both sides, or if a point lies behind
+/// the camera.
 #[must_use]
 pub fn reprojection_rms_px(
     camera: &Camera,

@@ -12,11 +12,11 @@ const GZIP: [u8; 2] = [0x1f, 0x8b];
 /// Largest unpacked size, bytes. Larger files are rejected, because they may be compression bombs.
 const MOST_UNPACKED_BYTES: u64 = 1 << 30;
 
-/// Reads a text file. A gzipped file is unpacked.
+/// Reads a text file. A gzipped file is unpacked first.
 ///
 /// # Errors
-/// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`] for a truncated file, one that is too large once unpacked,
-/// or no text.
+/// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`] for a file that cannot be unpacked, exceeds 1 GiB when
+/// unpacked, or is no UTF-8 text.
 pub fn read_text(path: &Path) -> Result<String, MetricsError> {
     let mut bytes = std::fs::read(path)
         .map_err(|source| MetricsError::Unreadable { source, path: path.to_path_buf() })?;

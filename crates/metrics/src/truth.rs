@@ -1,5 +1,5 @@
-//! Truth files of rendered and real scenes: `roadplane.dataset/1` and `roadplane.truth/1`. Frames and units are those
-//! of `base`.
+//! Truth files of rendered and real scenes (schemas `roadplane.dataset/1` and `roadplane.truth/1`). Coordinate frames
+//! and units are those of the crate `base`.
 
 #[cfg(any(test, feature = "fixture"))]
 pub mod fixture;
@@ -22,16 +22,16 @@ pub const TRUTH_SCHEMA: &str = "roadplane.truth/1";
 /// A rigid motion as a 4 × 4 matrix, row by row.
 pub type Rows = [[f64; 4]; 4];
 
-/// `dataset.json`: the list of a data set's items.
+/// The file `dataset.json`: the list of the truth files in a data set.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Dataset {
     /// Schema id: [`DATASET_SCHEMA`].
     pub schema: String,
     /// Name of the data set.
     pub name: String,
-    /// Split: `eval`, `train` …
+    /// Split of the data set: `eval`, `train` …
     pub split: String,
-    /// Seed of the random numbers that the data set was made with.
+    /// Seed of the random numbers that generated the data set.
     pub seed: u64,
     /// Truth files, sorted, relative to the folder of `dataset.json`.
     pub items: Vec<PathBuf>,
@@ -42,26 +42,26 @@ pub struct Dataset {
 pub struct Truth {
     /// Schema id: [`TRUTH_SCHEMA`].
     pub schema: String,
-    /// Image or video beside the truth file; `None` if there is only geometry.
+    /// Image or video of the scene. `None` if the scene has geometry only.
     pub media: Option<PathBuf>,
-    /// Whether it is a still or a clip.
+    /// Whether the scene is a still or a clip.
     pub kind: Kind,
     /// Frames per second of a clip.
     pub fps: Option<f64>,
-    /// Whether the scene is real; otherwise it is rendered.
+    /// Whether the scene is real. All other scenes are rendered.
     pub real: bool,
-    /// Conditions in words: layout, weather …
+    /// Conditions of the scene in words: layout, weather …
     #[serde(default)]
     pub conditions: BTreeMap<String, String>,
     /// The camera and the ground.
     pub camera: TrueCamera,
-    /// The cars that appear, by id.
+    /// The physical cars of the scene.
     pub models: Vec<Model>,
     /// The frames, in order.
     pub frames: Vec<TrueFrame>,
 }
 
-/// Still or clip.
+/// The kind of a scene: a still or a clip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Kind {
@@ -74,7 +74,7 @@ pub enum Kind {
 /// The true camera and the ground.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrueCamera {
-    /// Width and height, px.
+    /// Width and height of the picture, px.
     pub image_size_px: ImageSize,
     /// Focal length, px.
     pub focal_px: f64,
@@ -84,27 +84,27 @@ pub struct TrueCamera {
     pub height_m: f64,
     /// Tilt: angle of the optical axis below the horizontal, rad.
     pub tilt_rad: f64,
-    /// Roll: clockwise turn of the horizon in the image, rad.
+    /// Roll: clockwise rotation of the horizon in the image, rad.
     pub roll_rad: f64,
-    /// The ground in the camera frame.
+    /// The ground plane in the camera frame.
     pub plane_in_camera: TruePlane,
-    /// Rigid motion from the world frame to the camera frame.
+    /// Rigid motion from the world frame to the camera frame, m.
     pub camera_from_world: Rows,
 }
 
-/// The plane `normal · X + offset = 0`, with the normal pointing up.
+/// The ground plane: all points X with `normal · X + offset = 0`. The normal points up.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TruePlane {
-    /// Unit normal, camera frame.
+    /// Unit normal of the plane in the camera frame.
     pub normal: [f64; 3],
     /// Height of the camera above the plane, m.
     pub offset_m: f64,
 }
 
-/// A physical car.
+/// A physical car of the scene: its class, dimensions and keypoints.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Model {
-    /// Id of the car in this item.
+    /// Id of the car within the truth file.
     pub id: u64,
     /// Class of the vehicle.
     pub class: VehicleClass,
@@ -114,7 +114,7 @@ pub struct Model {
     pub model: String,
     /// Length, width, height, m.
     pub dims_m: [f64; 3],
-    /// Keypoints in the car frame, m; null for keypoints that the car lacks.
+    /// Keypoints of the car by index, car frame, m. The entry is null for a keypoint that the car lacks.
     pub keypoints_in_car: Vec<Option<[f64; 3]>>,
 }
 
@@ -123,18 +123,18 @@ pub struct Model {
 pub struct TrueFrame {
     /// Index of the frame.
     pub frame: u64,
-    /// Presentation time, s.
+    /// Time of the frame in the clip, s.
     pub time_s: f64,
-    /// Cars of which at least 15 % is visible.
+    /// Cars with at least 15 % of their pixels visible.
     pub cars: Vec<TrueCar>,
 }
 
-/// A car in a frame.
+/// A car in one frame of a truth file.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TrueCar {
     /// Id of its [`Model`].
     pub id: u64,
-    /// Rigid motion from the car frame to the world frame.
+    /// Rigid motion from the car frame to the world frame, m.
     pub world_from_car: Rows,
     /// Speed over ground, m/s; negative when reversing.
     pub speed_mps: f64,
@@ -143,17 +143,18 @@ pub struct TrueCar {
     /// Box of the visible part: left, top, right, bottom, px.
     #[serde(rename = "box")]
     pub bbox_px: [f64; 4],
-    /// Box of the whole car, px; may extend beyond the picture.
+    /// Box of the whole car: left, top, right, bottom, px. The box may extend beyond the picture.
     #[serde(rename = "whole_box")]
     pub whole_bbox_px: [f64; 4],
-    /// Visible share of its pixels, 0–1.
+    /// Visible share of the car's pixels, 0–1.
     pub visible_share: f64,
-    /// x, y (px) and visibility (0 or 1); null for keypoints that the car lacks or that lie behind the camera.
+    /// Keypoints by index: x (px), y (px) and visibility (0 or 1). The entry is null for a keypoint that the car lacks,
+    /// or that lies behind the camera.
     pub keypoints_px: Vec<Option<[f64; 3]>>,
 }
 
 impl TrueCamera {
-    /// Returns the pinhole camera.
+    /// Returns the camera as a pinhole camera without distortion.
     #[must_use]
     pub fn camera(&self) -> Camera {
         Camera::pinhole(self.focal_px, Vector2::from(self.principal_point_px))
@@ -168,7 +169,7 @@ impl TrueCamera {
         }
     }
 
-    /// Returns the rigid motion from a car to the camera.
+    /// Returns the rigid motion from the car frame to the camera frame, m.
     #[must_use]
     pub fn camera_from_car(&self, car: &TrueCar) -> Isometry3<f64> {
         isometry_from_rows(&self.camera_from_world) * isometry_from_rows(&car.world_from_car)
@@ -176,7 +177,7 @@ impl TrueCamera {
 }
 
 impl TrueCar {
-    /// Returns the rigid motion from the car to the world.
+    /// Returns the rigid motion from the car frame to the world frame, m.
     #[must_use]
     pub fn world_from_car(&self) -> Isometry3<f64> {
         isometry_from_rows(&self.world_from_car)
@@ -184,7 +185,7 @@ impl TrueCar {
 }
 
 impl Model {
-    /// Returns the keypoints of the car, car frame, by index; `None` for those that it lacks.
+    /// Returns the keypoints of the car by index, car frame, m. The entry is `None` for a keypoint that the car lacks.
     #[must_use]
     pub fn keypoints(&self) -> [Option<Point3<f64>>; KEYPOINTS] {
         std::array::from_fn(|i| self.keypoints_in_car.get(i).copied().flatten().map(Point3::from))
@@ -192,14 +193,15 @@ impl Model {
 }
 
 impl Truth {
-    /// Returns the car with this id.
+    /// Returns the physical car with this id, if there is one.
     #[must_use]
     pub fn model(&self, id: u64) -> Option<&Model> {
         self.models.iter().find(|model| model.id == id)
     }
 }
 
-/// Returns the rigid motion of 4 × 4 rows. Their upper left must be a rotation; files round it to 1e-6.
+/// Returns the rigid motion that a 4 × 4 matrix describes. The upper left 3 × 3 part must be a rotation; files round
+/// its values to 1e-6.
 #[must_use]
 pub fn isometry_from_rows(rows: &Rows) -> Isometry3<f64> {
     let rotation = Matrix3::from_fn(|r, c| rows[r][c]);

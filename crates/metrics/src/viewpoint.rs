@@ -1,13 +1,15 @@
-//! Viewpoint precision (Xiang et al. 2014, "Beyond PASCAL"), without the overlap condition, as in the paper's Table 2.
+//! Rotation errors for the viewpoint precision of Xiang et al. 2014, "Beyond PASCAL".
+//!
+//! There is no condition on the overlap of boxes, as in Table 2 of Li et al., *Car Pose in Context*.
 
 use nalgebra::UnitQuaternion;
 
-/// Thresholds of the paper's Table 2, rad.
+/// Thresholds of the rotation error in Table 2 of Li et al., *Car Pose in Context*, rad.
 pub const THRESHOLDS_RAD: [f64; 5] = [0.14, 0.21, 0.28, 0.35, 0.42];
 
-/// Returns the geodesic distance of two rotations, rad in 0–π: the angle of the turn between them.
+/// Returns the geodesic distance of two rotations: the angle of the rotation between them, rad in 0–π.
 ///
-/// With matrices it is `‖log(R₁ᵀ R₂)‖ / √2`.
+/// For rotation matrices R₁ and R₂ the distance is `‖log(R₁ᵀ R₂)‖ / √2`.
 #[must_use]
 pub fn rotation_error_rad(a: &UnitQuaternion<f64>, b: &UnitQuaternion<f64>) -> f64 {
     a.angle_to(b)

@@ -1,30 +1,31 @@
-//! Starts for the solver: near the truth of benchmark scenes, and at random cameras.
+//! Initial values for tests of the solver: values near the truth of benchmark scenes, and random cameras.
 
 use nalgebra::{Point3, Vector2};
 use roadplane_base::{Camera, CameraParams, GroundPose, ImageSize, Shape, ShapeAtlas};
 
 use crate::{CarTruth, Rng, SceneTruth, SynthOptions, scene};
 
-/// Number of cars from which a scene needs more room.
+/// Least number of cars in a large scene. A large scene has a higher camera, to have room for the cars.
 const MANY: usize = 31;
 
-/// A scene with a start near its truth, as a joint refinement gets it from the steps before.
+/// A scene with initial values near its truth. They are as accurate as the usual input of the joint refinement.
 #[derive(Clone, Debug)]
 pub struct BenchScene {
     /// The scene with its truth.
     pub truth: SceneTruth,
-    /// Camera of the start: off by 1 % in focal length and height, and by 0.1° in tilt.
+    /// Initial camera. Its focal length and height are off by 1 %, and its tilt by 0.1°.
     pub params: CameraParams,
-    /// Poses of the start: off by 1 % of the cars' boxes in the image, and by 0.6° in heading.
+    /// Initial poses of the cars. The sd of the position errors is 1 % of the car's box in the image. The sd of the
+    /// heading errors is 0.6°.
     pub poses: Vec<GroundPose>,
-    /// Shapes of the start: off by a third of a sd.
+    /// Initial shapes of the cars. The sd of the errors is about a third of the sd of the shape coefficients.
     pub shapes: Vec<Shape>,
 }
 
 impl BenchScene {
-    /// Creates a scene of several cars with 2 % noise; with many cars, the camera is higher.
+    /// Creates a scene of several cars, whose keypoints have 2 % noise. A large scene has a higher camera.
     ///
-    /// Returns `None` if a car would start above the horizon.
+    /// Returns `None` if an initial position would be above the horizon.
     #[must_use]
     pub fn new(atlas: &ShapeAtlas, cars: usize, seed: u64) -> Option<Self> {
         let many = cars >= MANY;
@@ -60,9 +61,9 @@ impl BenchScene {
     }
 }
 
-/// Returns a random camera as a start, independent of the scene.
+/// Returns a random initial camera, which does not depend on any scene.
 ///
-/// Its focal length is 0.3–8 × the image's width. Tilt, roll and height are random, too.
+/// The focal length is 0.3–8 times the image's width. Tilt, roll and height are random, too.
 #[must_use]
 pub fn random_camera(size: ImageSize, seed: u64) -> CameraParams {
     let mut rng = Rng::new(seed ^ 0x57a7);

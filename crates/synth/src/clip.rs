@@ -1,4 +1,4 @@
-//! Clips of a stationary camera: cars drive, turn, halt, reverse and park among stationary cars.
+//! Synthetic clips of a fixed camera: cars drive, turn, halt, reverse and park among stationary cars.
 
 use nalgebra::{Isometry3, Vector2};
 use roadplane_base::{
@@ -14,32 +14,32 @@ use crate::traffic::{Aisle, Bay, Manoeuvre, drive, touch};
 use crate::trajectory::{CarState, Drive};
 use crate::truth::SynthOptions;
 
-/// Least and largest length of a car in the middle of the picture, px.
+/// Least and largest length of a typical car in the middle of the picture, px.
 const CAR_PX: [f64; 2] = [50.0, 120.0];
 /// Length of a typical car, m.
 const CAR_M: f64 = 4.3;
-/// Least share of a car's box inside the picture; cars with less are left out of a frame.
+/// Least share of a car's box inside the picture. A frame leaves out cars with a smaller share.
 const SMALLEST_SHARE: f64 = 0.3;
-/// Number of random choices that are tried per manoeuvre.
+/// Number of random variants that are tried for each manoeuvre.
 const TRIES: usize = 60;
-/// Bays are numbered from −`BAYS` to `BAYS` along the aisle.
+/// Half the number of parking bays along each side of the aisle. The bays are numbered from −`BAYS` to `BAYS` − 1.
 const BAYS: i32 = 4;
 /// Share of a keypoint's error variance that stays constant while the car is stationary.
 ///
 /// A net makes similar errors on the same view of the same car.
 const LASTING: f64 = 0.8;
-/// Distance over which the lasting part of a keypoint's error decays, m.
+/// Distance of travel over which the slowly changing part of a keypoint's error decays to 1/e, m.
 const FORGOTTEN_M: f64 = 2.0;
 
 /// Options of a clip.
 ///
-/// Cars, noise, outliers, camera ranges and image size are those of `scene`. Its layout, number of cars, box sizes and
-/// wrong cars have no effect here.
+/// The field `scene` determines the car shapes, the keypoint errors, the ranges of the camera and the image size. Its
+/// layout, number of cars, box sizes and wrong cars have no effect here.
 #[derive(Clone, Debug)]
 pub struct ClipOptions {
-    /// Camera, shapes and measurements.
+    /// Options for the camera, the shapes of the cars, and the measured keypoints.
     pub scene: SynthOptions,
-    /// Length of the clip, s.
+    /// Duration of the clip, s.
     pub seconds: f64,
     /// Frame rate, 1/s.
     pub fps: f64,
@@ -55,7 +55,7 @@ impl Default for ClipOptions {
     }
 }
 
-/// A car of the clip.
+/// A car of the clip with its motion.
 struct Actor {
     car: ItemCar,
     motion: Motion,
@@ -76,7 +76,7 @@ impl Actor {
     }
 }
 
-/// Makes a clip. If the aisle is crowded, it has fewer cars than requested.
+/// Creates a clip. The clip has fewer cars than requested if the aisle has no room for more.
 #[must_use]
 pub fn clip_item(atlas: &ShapeAtlas, options: &ClipOptions, seed: u64) -> Item {
     let mut rng = Rng::new(seed);
@@ -113,7 +113,8 @@ pub fn clip_item(atlas: &ShapeAtlas, options: &ClipOptions, seed: u64) -> Item {
     }
 }
 
-/// Returns a camera that sees cars in the middle of its picture at a good size, and an aisle through that point.
+/// Returns a random camera, its ground plane, and an aisle through the ground point in the middle of the picture. At
+/// that point, the length of a typical car is within [`CAR_PX`].
 fn camera_and_aisle(options: &ClipOptions, rng: &mut Rng) -> (Camera, GroundPlane, Aisle) {
     let scene = &options.scene;
     loop {
@@ -126,7 +127,7 @@ fn camera_and_aisle(options: &ClipOptions, rng: &mut Rng) -> (Camera, GroundPlan
         let camera = Camera::centred(focal_px, scene.size);
         let plane = GroundPlane::from_tilt_roll_height(tilt, roll, height_m);
         let middle = plane.world_from_pixel(&camera, &camera.principal_point_px);
-        // Nearer than this, cars of the rows would be under the camera.
+        // At a smaller distance, some parked cars would be below the camera.
         let far = middle.filter(|m| m.norm() > 18.0 && (CAR_PX[0]..=CAR_PX[1]).contains(&car_px));
         if let Some(origin) = far {
             return (camera, plane, Aisle { origin, heading: turned });
@@ -191,11 +192,12 @@ fn actor(car: ItemCar, motion: Motion, rng: &mut Rng) -> Actor {
     Actor { car, motion, jitter: std::array::from_fn(|_| rng.normal()) }
 }
 
-/// Returns a car (with a residual that the atlas does not span) and its wheelbase, m.
+/// Returns a random car and its wheelbase, m. The keypoints include a residual that the shape modes of the atlas do not
+/// describe.
 fn car(atlas: &ShapeAtlas, options: &SynthOptions, rng: &mut Rng) -> (ItemCar, f64) {
     let (shape, mut keypoints_in_car) = body(atlas, options, rng);
     move_off_atlas(&mut keypoints_in_car, atlas, options.off_atlas, rng);
-    // Keypoints 0 and 1: left wheels, front and rear.
+    // Keypoints 0 and 1 are the front left wheel and the rear left wheel.
     let wheelbase_m = keypoints_in_car[0].x - keypoints_in_car[1].x;
     (ItemCar { keypoints_in_car, dims_m: atlas.dims_m(&shape) }, wheelbase_m)
 }
@@ -206,7 +208,8 @@ fn shuffle<T>(items: &mut [T], rng: &mut Rng) {
     }
 }
 
-/// Lasting errors of a car's keypoints, in units of their sd: an autoregressive process over the travelled distance.
+/// Slowly changing errors of a car's keypoints, in units of their sd. They are an autoregressive process over the
+/// travelled distance.
 struct Errors {
     unit: [Vector2<f64>; KEYPOINTS],
     last: CarState,
@@ -233,7 +236,8 @@ fn normal(rng: &mut Rng) -> Vector2<f64> {
     Vector2::new(rng.normal(), rng.normal())
 }
 
-/// Returns the keypoints that face the camera and are inside the picture, with noise and outliers.
+/// Returns the measured keypoints of a car, with noise and outliers. They are the keypoints that face the camera and
+/// are inside the picture.
 fn measured(
     in_frame: &CarInFrame,
     actor: &Actor,
@@ -320,7 +324,8 @@ mod tests {
             }
         }
         assert!((square / count - 1.0_f64).abs() < 0.08, "{}", square / count);
-        // Only the independent part differs: twice a fifth of the variance.
+        // Between the two frames only the independent part of the error differs. The difference has twice a fifth of
+        // the variance.
         assert!((apart / pairs - 0.4_f64).abs() < 0.06, "{}", apart / pairs);
     }
 }

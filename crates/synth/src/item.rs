@@ -1,4 +1,4 @@
-//! Items of a data set: ground truth and measurements of each car and frame.
+//! Items of a synthetic data set: the ground truth and the measurements of each car in each frame.
 
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use roadplane_base::{Camera, CameraParams, ImageSize, KEYPOINTS, KeypointSet, ShapeAtlas};
@@ -7,25 +7,25 @@ use crate::scene::scene;
 use crate::trajectory::CarState;
 use crate::truth::SynthOptions;
 
-/// A still or a clip.
+/// A synthetic still or clip.
 #[derive(Clone, Debug)]
 pub struct Item {
     /// Width and height of the image, px.
     pub size: ImageSize,
-    /// Focal length and plane.
+    /// Focal length and ground plane.
     pub params: CameraParams,
     /// Frame rate of a clip, 1/s; `None` for a still.
     pub fps: Option<f64>,
-    /// Cars, by id.
+    /// Cars of the item. The index of a car is its id.
     pub cars: Vec<ItemCar>,
-    /// Visible cars of each frame, by ascending id.
+    /// Visible cars of each frame, sorted by id.
     pub frames: Vec<Vec<CarInFrame>>,
 }
 
-/// A car of an item.
+/// A car of an item: its keypoints and dimensions.
 #[derive(Clone, Debug)]
 pub struct ItemCar {
-    /// Keypoints, car frame, m.
+    /// Keypoints of the car, car frame, m.
     pub keypoints_in_car: [Vector3<f64>; KEYPOINTS],
     /// Length, width, height, m.
     pub dims_m: Vector3<f64>,
@@ -38,16 +38,16 @@ pub struct CarInFrame {
     pub id: usize,
     /// True pose, speed and activity.
     pub state: CarState,
-    /// True pixels of all keypoints.
+    /// True positions of all keypoints in the picture, px.
     pub pixels: [Vector2<f64>; KEYPOINTS],
     /// Box around all keypoints: left, top, right, bottom, px.
     pub whole_box: [f64; 4],
-    /// Measured keypoints.
+    /// Measured keypoints of the car.
     pub keypoints: KeypointSet,
 }
 
 impl CarInFrame {
-    /// Returns the part of the box inside the image, px, and its share of the whole box's area.
+    /// Returns the part of the car's box inside the image (px), and its share of the area of the whole box.
     #[must_use]
     pub fn visible_box(&self, size: ImageSize) -> ([f64; 4], f64) {
         let [x0, y0, x1, y1] = self.whole_box;
@@ -59,7 +59,8 @@ impl CarInFrame {
     }
 }
 
-/// Returns the pixels of a car's keypoints and the box around them; `None` if a keypoint is not before the camera.
+/// Returns the pixels of a car's keypoints, and the box around them (px). Returns `None` if a keypoint is not in front
+/// of the camera.
 pub(crate) fn projected(
     camera: &Camera,
     camera_from_car: &Isometry3<f64>,
@@ -75,7 +76,7 @@ pub(crate) fn projected(
     Some((pixels, [low.x, low.y, high.x, high.y]))
 }
 
-/// Makes a still from one scene.
+/// Creates a still from one random scene.
 #[must_use]
 pub fn still_item(atlas: &ShapeAtlas, options: &SynthOptions, seed: u64) -> Item {
     let truth = scene(atlas, options, seed);

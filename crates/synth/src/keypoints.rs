@@ -6,10 +6,10 @@ use roadplane_base::{Camera, KEYPOINTS, Keypoint, mirror_index};
 use crate::Rng;
 use crate::truth::{SceneTruth, SynthOptions, Wrong};
 
-/// Claimed noise sd of noise-free keypoints, as a share of the box.
+/// Sd that keypoints without noise report, as a share of the car's box.
 pub(crate) const CLAIMED_NOISE: f64 = 0.01;
 
-/// Fills in the keypoints of every car.
+/// Computes the measured keypoints of every car, and stores them in the scene.
 pub(crate) fn measure(truth: &mut SceneTruth, options: &SynthOptions, rng: &mut Rng) {
     let camera = Camera::centred(truth.params.focal_px(), truth.size);
     let camera_from_world = truth.params.plane().camera_from_world();
@@ -43,9 +43,10 @@ pub(crate) fn measure(truth: &mut SceneTruth, options: &SynthOptions, rng: &mut 
     }
 }
 
-/// Returns the indices of the given share of keypoints that face the camera most, in order of index.
+/// Returns the indices of the visible keypoints, in rising order. The visible keypoints are those that face the camera
+/// most. Their share of all keypoints is `share`.
 ///
-/// `jitter` (standard normal) decides between nearly equal ones.
+/// `jitter` are standard normal numbers. They decide between keypoints that face the camera almost equally.
 pub(crate) fn seen_indices(
     keypoints_in_car: &[Vector3<f64>; KEYPOINTS],
     camera_from_car: &Isometry3<f64>,
@@ -68,7 +69,8 @@ pub(crate) fn seen_indices(
     indices
 }
 
-/// Returns the pose with a net's view error (`solve`, `problem/cars/joint.rs`). `up` is in the camera's frame.
+/// Returns the car's pose rotated by a view error, as a keypoint net would see the car. The crate `solve` models the
+/// same error (`problem/cars/joint.rs`). `up` is the ground's normal in the camera frame.
 fn off_view(
     camera_from_car: &Isometry3<f64>,
     up: &Vector3<f64>,
@@ -90,7 +92,7 @@ fn off_view(
     pose
 }
 
-/// Returns a pose at about the same position in the image, but with a random rotation and another distance.
+/// Returns a pose in the same direction from the camera, but with a random rotation and another distance.
 fn other_pose(camera_from_car: &Isometry3<f64>, rng: &mut Rng) -> Isometry3<f64> {
     let turn = UnitQuaternion::from_scaled_axis(Vector3::new(rng.normal(), rng.normal(), rng.normal()));
     let nearer = rng.uniform(0.8, 1.25);

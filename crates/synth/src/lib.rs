@@ -1,8 +1,11 @@
 //! Synthetic scenes and clips with ground truth.
 //!
-//! A scene has a random camera above a plane, cars from the atlas on it, and their keypoints with noise, outliers and
-//! wholly wrong cars. In a clip, cars drive, turn, halt, reverse and park. This crate has geometry only; the renderer
-//! is a script. The same seed gives the same scene on every machine.
+//! A scene has a random camera above a ground plane, and cars with shapes from the shape atlas. The cars' keypoints
+//! have noise and outliers, and some cars have only wrong keypoints. In a clip, cars drive, turn, halt, reverse and
+//! park.
+//!
+//! This crate creates geometry only. A script renders the pictures. The same seed gives the same scene on every
+//! machine.
 //!
 //! # Contents
 //! - scenes: [`scene`] (`scene.rs`), measured keypoints (`keypoints.rs`), cars that are not in the atlas ([`CarModel`])

@@ -1,4 +1,4 @@
-//! Cars given by their keypoints, with shapes that are not in the atlas.
+//! Car models that are described by their keypoints. Their shapes are not in the shape atlas.
 
 use nalgebra::{Matrix6, Vector3, Vector6};
 use roadplane_base::{FullShape, KEYPOINTS, MODES, Shape, ShapeAtlas};
@@ -6,15 +6,15 @@ use serde::Deserialize;
 
 use crate::Rng;
 
-/// A car model with its own keypoints.
+/// A car model that is described by its own keypoints.
 #[derive(Clone, Debug, Deserialize, PartialEq)]
 #[serde(try_from = "Entry")]
 pub struct CarModel {
     /// Name of the model.
     pub model: String,
-    /// Relative frequency of the model.
+    /// Relative frequency with which the model is drawn.
     pub weight: f64,
-    /// Keypoints, car frame, m.
+    /// Keypoints of the model, car frame, m.
     pub keypoints_in_car: [Vector3<f64>; KEYPOINTS],
 }
 
@@ -43,7 +43,7 @@ struct File {
 }
 
 impl CarModel {
-    /// Reads the text of a file of schema `roadplane.cars/1`.
+    /// Reads car models from the text of a file with the schema `roadplane.cars/1`.
     ///
     /// # Errors
     /// Returns an error if the text is not JSON of that schema, or if a car does not have 36 keypoints.
@@ -51,7 +51,10 @@ impl CarModel {
         Ok(serde_json::from_str::<File>(text)?.cars)
     }
 
-    /// Returns the atlas' most likely coefficients: least squares in units of the residual sd, with the prior N(0, I).
+    /// Returns the shape coefficients of the atlas that describe the model best.
+    ///
+    /// The fit is by least squares. The keypoints' residuals are divided by the residual sds of the atlas, and the
+    /// coefficients have the prior N(0, I).
     #[must_use]
     pub fn nearest_shape(&self, atlas: &ShapeAtlas) -> Shape {
         let (mut hessian, mut side) = (Matrix6::identity(), Vector6::zeros());
@@ -68,7 +71,8 @@ impl CarModel {
     }
 }
 
-/// Draws one of the models by weight; returns `None` if there are none.
+/// Draws one of the models at random, with probabilities proportional to the weights. Returns `None` if there are no
+/// models.
 pub(crate) fn draw<'a>(models: &'a [CarModel], rng: &mut Rng) -> Option<&'a CarModel> {
     draw_by(models, |model| model.weight, rng)
 }
@@ -83,16 +87,17 @@ fn draw_by<'a, T>(items: &'a [T], weight: impl Fn(&T) -> f64, rng: &mut Rng) -> 
     Some(found.unwrap_or(last))
 }
 
-/// Draws coefficients of all modes from the mixture of body types; from N(0, I) if the atlas has no body types.
+/// Draws the coefficients of all shape modes from the atlas' mixture of body types. Without body types, the
+/// coefficients are drawn from N(0, I).
 pub fn draw_shape(atlas: &ShapeAtlas, rng: &mut Rng) -> FullShape {
     let body = draw_by(&atlas.body_types, |body| body.share, rng);
     let normal = FullShape::from_fn(|_, _| rng.normal());
     let Some(body) = body else { return normal };
-    // The covariance of an atlas is positive definite.
+    // The covariance of a body type is positive definite, so this factorisation succeeds.
     body.covariance.cholesky().map_or(normal, |factor| body.mean + factor.l() * normal)
 }
 
-/// Adds `factor` times a random residual that all modes together do not explain.
+/// Moves each keypoint by a random residual times `factor`. The shape modes of the atlas do not describe this residual.
 pub(crate) fn move_off_atlas(
     keypoints_in_car: &mut [Vector3<f64>; KEYPOINTS],
     atlas: &ShapeAtlas,
@@ -118,7 +123,7 @@ mod tests {
             weight,
             keypoints_in_car: atlas.keypoints_in_car(shape),
         };
-        // The prior pulls a little.
+        // The prior reduces the coefficients a little.
         assert!((model(&shape, 1.0).nearest_shape(&atlas) - shape).amax() < 0.1);
         let models = vec![model(&shape, 3.0), model(&-shape, 1.0)];
         let options = SynthOptions { models: models.clone(), ..SynthOptions::default() };

@@ -1,4 +1,4 @@
-//! The random number generator SplitMix64 (Steele, Lea, Flood 2014), with the same numbers on every platform.
+//! The random number generator SplitMix64 (Steele, Lea, Flood 2014). It returns the same numbers on every platform.
 
 /// A stream of random numbers.
 #[derive(Clone, Debug)]
@@ -7,7 +7,7 @@ pub struct Rng {
 }
 
 impl Rng {
-    /// Creates a stream; different seeds give different streams.
+    /// Creates a stream. Different seeds give different streams.
     #[must_use]
     pub fn new(seed: u64) -> Self {
         let mut rng = Self { state: seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0xD1B5_4A32_D192_ED03 };
@@ -24,17 +24,17 @@ impl Rng {
         z ^ (z >> 31)
     }
 
-    /// Returns a uniform number in [0, 1).
+    /// Returns a uniformly distributed number in [0, 1).
     pub fn unit(&mut self) -> f64 {
         (self.next_u64() >> 11) as f64 / (1_u64 << 53) as f64
     }
 
-    /// Returns a uniform number in [low, high).
+    /// Returns a uniformly distributed number in [low, high).
     pub fn uniform(&mut self, low: f64, high: f64) -> f64 {
         low + (high - low) * self.unit()
     }
 
-    /// Returns a standard normal number (Box–Muller).
+    /// Returns a number with the standard normal distribution (Box–Muller).
     pub fn normal(&mut self) -> f64 {
         let radius = (-2.0 * (1.0 - self.unit()).ln()).sqrt();
         radius * (std::f64::consts::TAU * self.unit()).cos()

@@ -1,10 +1,10 @@
-//! Rows of results, for tests of their readers.
+//! A typical row of a result, for tests of code that reads rows.
 
 use roadplane_base::{TrackRow, VehicleClass};
 
-/// Returns a typical row of a stationary car 20 m ahead.
+/// Returns a typical row of a stationary car 20 m ahead of the camera.
 ///
-/// A test changes single fields: `TrackRow { x_m: 3.0, ..stationary_row(1, 0, 0.0) }`.
+/// A test changes the fields that matter to it: `TrackRow { x_m: 3.0, ..stationary_row(1, 0, 0.0) }`.
 #[must_use]
 pub fn stationary_row(track: u64, frame: u64, time_s: f64) -> TrackRow {
     TrackRow {

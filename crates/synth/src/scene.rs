@@ -1,4 +1,4 @@
-//! Random scenes: cameras and cars.
+//! Creates random scenes: a camera, a ground plane and cars.
 
 use nalgebra::{Point3, Vector2, Vector3};
 use roadplane_base::{
@@ -9,16 +9,17 @@ use crate::models::{draw, draw_shape, move_off_atlas};
 use crate::truth::{CarTruth, Layout, SceneTruth, SynthOptions};
 use crate::{Rng, keypoints};
 
-/// Number of cameras that are tried before a smaller number of cars is accepted.
+/// Largest number of random cameras that are tried for the requested number of cars. If all fail, the scene with the
+/// most cars is used.
 const CAMERA_TRIES: usize = 200;
-/// Number of positions that are tried per camera and car.
+/// Number of random positions that are tried per camera, for each requested car.
 const POSITION_TRIES: usize = 40;
-/// Least distance between the centres of two cars, m.
+/// Least distance between the centres of two cars that are not in a row, m.
 const MIN_GAP_M: f64 = 5.2;
-/// Distance between neighbours in a row, m.
+/// Distance between neighbouring cars in a row, m.
 const BAY_M: f64 = 2.7;
 
-/// Makes a scene. With very tight options it has fewer cars than requested.
+/// Creates a random scene. With very tight options, the scene has fewer cars than requested.
 #[must_use]
 pub fn scene(atlas: &ShapeAtlas, options: &SynthOptions, seed: u64) -> SceneTruth {
     let mut rng = Rng::new(seed);
@@ -78,7 +79,7 @@ fn sample_scene(atlas: &ShapeAtlas, options: &SynthOptions, rng: &mut Rng) -> Sc
     truth
 }
 
-/// A car's shape and keypoints, car frame.
+/// Shape of a car, and its keypoints in the car frame (m).
 type Body = (Shape, [Vector3<f64>; KEYPOINTS]);
 
 pub(crate) fn body(atlas: &ShapeAtlas, options: &SynthOptions, rng: &mut Rng) -> Body {
@@ -106,7 +107,7 @@ fn candidate(
     rng: &mut Rng,
 ) -> Option<GroundPose> {
     if let Some(last) = row {
-        // The next bay is sideways of the axis, in one row on either side of the row's start.
+        // The next car is beside the previous car. In the layout `OneRow` it may be on either side.
         let side = if options.layout == Layout::OneRow && rng.unit() < 0.5 { -1.0 } else { 1.0 };
         let step = side * BAY_M * (1.0 + (rng.unit() * 3.0).floor());
         let flip =
@@ -131,7 +132,8 @@ fn candidate(
     Some(GroundPose { x_m: at.x, y_m: at.y, heading_rad })
 }
 
-/// Returns the car at a pose if it is wholly in the image, of the requested size, and clear of the others.
+/// Returns a car at the given pose. Returns `None` if the car is partly outside the image, has another size than
+/// requested, or is too close to another car.
 #[expect(clippy::too_many_arguments)]
 fn placed_car(
     atlas: &ShapeAtlas,

@@ -1,4 +1,4 @@
-//! Manoeuvres around an aisle between two rows of bays, timed so that no car touches another.
+//! Manoeuvres along an aisle between two rows of parking bays, and a check whether cars touch.
 
 use std::f64::consts::{FRAC_PI_2, PI};
 
@@ -8,31 +8,31 @@ use roadplane_base::{GroundPose, wrap_angle};
 use crate::Rng;
 use crate::trajectory::{CarState, Drive, Leg, Piece, reach};
 
-/// Width of a bay, m.
+/// Width of a parking bay, m.
 pub(crate) const BAY_M: f64 = 2.7;
-/// Length of a bay, m.
+/// Length of a parking bay, m.
 pub(crate) const BAY_LENGTH_M: f64 = 5.2;
-/// Width of the aisle, m.
+/// Width of the aisle between the two rows of bays, m.
 const AISLE_M: f64 = 7.0;
-/// Distance of a moving car to the right of the aisle's middle, m.
+/// Distance between the middle of the aisle and a moving car, m. Cars drive on the right.
 const LANE_M: f64 = 1.4;
 /// Radius of the discs that represent a car in the collision check, m.
 const DISC_RADIUS_M: f64 = 1.05;
-/// Positions of the discs along the car, m.
+/// Positions of the discs along the car, relative to the car's origin, m.
 const DISC_OFFSETS_M: [f64; 3] = [-1.5, 0.0, 1.5];
 /// Time between two collision checks, s.
 const CHECK_S: f64 = 0.2;
 /// Lateral distance between the start and the end of a U-turn, m.
 const U_TURN_OFFSET_M: f64 = 12.0;
 
-/// Position and direction of the aisle. Its frame has x along the aisle and y to the left.
+/// Position and direction of the aisle. The aisle's frame has x along the aisle and y to the left.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Aisle {
     pub origin: Vector2<f64>,
     pub heading: f64,
 }
 
-/// A bay: its number along the aisle and its side (+1 left, −1 right).
+/// A parking bay: its number along the aisle, and its side (+1 left, −1 right).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct Bay {
     pub number: i32,
@@ -40,7 +40,7 @@ pub(crate) struct Bay {
 }
 
 impl Aisle {
-    /// Returns the world pose of a pose in the aisle's frame.
+    /// Converts a pose from the aisle's frame to the world frame (m, rad).
     pub(crate) fn pose(&self, x: f64, y: f64, heading: f64) -> GroundPose {
         let (sin, cos) = self.heading.sin_cos();
         GroundPose {
@@ -50,7 +50,8 @@ impl Aisle {
         }
     }
 
-    /// Returns the pose of a car in a bay, with its nose away from the aisle or (backed in) towards it.
+    /// Returns the pose of a car that is parked in a bay. The car's front is away from the aisle, or towards the aisle
+    /// if `backed_in` is true.
     pub(crate) fn bay_pose(&self, bay: Bay, backed_in: bool) -> GroundPose {
         let side = f64::from(bay.side);
         let heading = side * FRAC_PI_2 + if backed_in { PI } else { 0.0 };
@@ -75,7 +76,8 @@ pub(crate) enum Manoeuvre {
     LeaveForwards(Bay),
 }
 
-/// Draws path, speed and time of a manoeuvre within a clip of `seconds`; `None` if the bay cannot be reached.
+/// Draws a random path, speed and time for a manoeuvre in a clip of the given duration. Returns `None` if the car
+/// cannot get into the bay.
 pub(crate) fn drive(
     manoeuvre: Manoeuvre,
     aisle: &Aisle,
@@ -113,7 +115,7 @@ pub(crate) fn drive(
             let angle = if rng.unit() < 0.5 { FRAC_PI_2 } else { -FRAC_PI_2 };
             let pieces =
                 vec![straight(before), Piece::turn(angle, rng.uniform(5.0, 7.0), 3.0), straight(40.0)];
-            // Beyond the rows, where the side is free.
+            // The turn is beyond the rows of bays, where the side of the aisle is free.
             let x = direction * 4.5 * BAY_M;
             Some(passing(vec![Leg::passing(pieces, cruise)], x, before / cruise + 2.0))
         }
@@ -171,9 +173,11 @@ pub(crate) fn drive(
     }
 }
 
-/// Returns the turn from the lane of `direction` into a bay, and the length of the straight piece inside the bay, m.
+/// Returns the turn from the aisle into a bay, and the length of the straight piece after the turn, m. Returns `None`
+/// if the bay is not deep enough.
 ///
-/// The car parks nose first or backed in. Out of the bay the heading turns the opposite way.
+/// `direction` is the direction of driving along the aisle (+1 or −1). The car drives into the bay forwards, or
+/// backwards if `backed_in` is true. The path out of the bay has the mirrored turn.
 fn bay_turn(
     bay: Bay,
     direction: f64,
@@ -189,7 +193,7 @@ fn bay_turn(
     (rest > 0.2).then_some((turn, rest))
 }
 
-/// Whether two cars touch at any time of a clip.
+/// Returns whether two cars touch at any time of a clip. `a` and `b` return the states of the cars at a time, s.
 pub(crate) fn touch(a: &dyn Fn(f64) -> CarState, b: &dyn Fn(f64) -> CarState, seconds: f64) -> bool {
     let steps = (seconds / CHECK_S).ceil() as usize;
     (0..=steps).any(|i| {

@@ -1,30 +1,32 @@
-//! Trajectories of cars: a kinematic bicycle whose steering and speed change no faster than with a human driver.
+//! Trajectories of cars, by a kinematic bicycle model. Steering and speed change no faster than with a human driver.
 //!
-//! A drive is a list of legs between rests. Curvature along a turn rises and falls linearly over a ramp. Speed follows
-//! from a limit on lateral acceleration, with constant acceleration from and to rest (Rajamani, *Vehicle Dynamics and
-//! Control*, §2.2). Paths are those of the middle of the rear axle, whose direction is the car's heading. States are
-//! those of the car's origin, midway between the axles.
+//! A drive is a list of legs, and the car may rest after a leg. The curvature of a turn rises linearly over a ramp, and
+//! falls linearly at the end. The speed follows from a limit on the lateral acceleration. Acceleration from rest and to
+//! rest is constant (Rajamani, *Vehicle Dynamics and Control*, §2.2).
+//!
+//! A path describes the middle of the rear axle. This point moves in the direction of the car's heading. A state
+//! describes the car's origin, which is midway between the axles.
 
 use nalgebra::Vector2;
 use roadplane_base::{Activity, GroundPose, wrap_angle};
 
-/// Length of path between samples, m.
+/// Distance between two samples of a path, m.
 const STEP_M: f64 = 0.01;
-/// Acceleration along the path, m/s².
+/// Constant acceleration along the path, from rest and to rest, m/s².
 const ACCELERATION: f64 = 1.6;
 /// Largest lateral acceleration, which limits the speed in turns, m/s².
 const LATERAL: f64 = 1.5;
-/// Least change of heading of a U-turn, rad.
+/// Least change of heading of a path piece that is labelled as a U-turn, rad.
 const U_TURN: f64 = 150.0 * std::f64::consts::PI / 180.0;
-/// Least change of heading of a turn, rad.
+/// Least change of heading of a path piece that is labelled as a turn, rad.
 const TURN: f64 = 25.0 * std::f64::consts::PI / 180.0;
 
 /// State of a car at one time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CarState {
-    /// Pose of its origin.
+    /// Pose of the car's origin.
     pub pose: GroundPose,
-    /// Speed of its origin, m/s; negative when it reverses.
+    /// Speed of the car's origin, m/s. It is negative when the car reverses.
     pub speed_mps: f64,
     /// Activity of the car.
     pub activity: Activity,
@@ -38,13 +40,13 @@ impl CarState {
     }
 }
 
-/// A piece of a path: straight, or a turn.
+/// A piece of a path: a straight line or a turn.
 #[derive(Clone, Copy, Debug)]
 pub struct Piece {
     length_m: f64,
-    /// Change of heading, rad.
+    /// Change of heading along the piece, rad; positive to the left.
     angle: f64,
-    /// Length over which the curvature rises, and falls again, m.
+    /// Length of each of the two ramps, m. The curvature rises over the first ramp, and falls over the last ramp.
     ramp_m: f64,
 }
 
@@ -57,19 +59,20 @@ impl Piece {
 
     /// Returns a turn by `angle` (rad, positive to the left as seen from above).
     ///
-    /// Its smallest radius is `radius_m` or larger.
+    /// The radius is at least `radius_m` everywhere. The curvature rises over the first `ramp_m`, and falls over the
+    /// last `ramp_m`.
     #[must_use]
     pub fn turn(angle: f64, radius_m: f64, ramp_m: f64) -> Self {
         Self { length_m: (radius_m * angle.abs() + ramp_m).max(2.0 * ramp_m), angle, ramp_m }
     }
 
-    /// Returns the piece with its turn in the opposite direction.
+    /// Returns the same piece with its turn in the opposite direction.
     #[must_use]
     pub fn mirrored(self) -> Self {
         Self { angle: -self.angle, ..self }
     }
 
-    /// Returns a half turn to the left that ends `offset_m` beside its initial line.
+    /// Returns a half turn to the left. It ends at a lateral distance of `offset_m` from its start.
     #[must_use]
     pub fn u_turn(offset_m: f64, ramp_m: f64) -> Self {
         let (mut low, mut high) = (2.0, 40.0);
@@ -81,7 +84,8 @@ impl Piece {
         Self::turn(std::f64::consts::PI, low, ramp_m)
     }
 
-    /// Returns the heading relative to the start, rad, and the curvature, 1/m, at a distance along the piece.
+    /// Returns the heading relative to the start of the piece (rad) and the curvature (1/m). `at` is the distance from
+    /// the start, m.
     fn heading_and_curvature_at(&self, at: f64) -> (f64, f64) {
         if self.angle == 0.0 {
             return (0.0, 0.0);
@@ -104,27 +108,27 @@ impl Piece {
     }
 }
 
-/// Pieces driven without changing gear.
+/// A part of a drive without a change between forwards and backwards.
 #[derive(Clone, Debug)]
 pub struct Leg {
     /// Pieces of the path.
     pub pieces: Vec<Piece>,
-    /// Speed if nothing limits it, m/s.
+    /// Speed where no acceleration limit applies, m/s.
     pub cruise_mps: f64,
-    /// Whether it is driven backwards.
+    /// Whether the car drives the leg backwards.
     pub backwards: bool,
-    /// Whether it begins at rest.
+    /// Whether the car begins the leg at rest.
     pub from_rest: bool,
-    /// Whether it ends at rest.
+    /// Whether the car ends the leg at rest.
     pub to_rest: bool,
     /// Duration of the rest after the leg, s.
     pub rest_s: f64,
-    /// Index of the piece from which the activity is parking.
+    /// Index of the first piece with the activity parking. The later pieces have the same activity.
     pub parking_from: Option<usize>,
 }
 
 impl Leg {
-    /// Returns a leg that begins and ends at speed.
+    /// Returns a forward leg. The car is already moving at the beginning, and is still moving at the end.
     #[must_use]
     pub fn passing(pieces: Vec<Piece>, cruise_mps: f64) -> Self {
         Self {
@@ -150,7 +154,7 @@ struct Sample {
     activity: Activity,
 }
 
-/// Returns the end of a path that begins at the origin along +x.
+/// Returns the pose at the end of a path. The path begins at the origin, in the direction of +x.
 #[must_use]
 pub fn reach(pieces: &[Piece]) -> GroundPose {
     let samples = traced(&Leg::passing(pieces.to_vec(), 1.0));
@@ -158,7 +162,7 @@ pub fn reach(pieces: &[Piece]) -> GroundPose {
     GroundPose { x_m: end.0.x, y_m: end.0.y, heading_rad: end.1 }
 }
 
-/// Samples a leg from the origin along +x, with times from 0.
+/// Returns samples of a leg that begins at the origin, in the direction of +x, at time 0.
 fn traced(leg: &Leg) -> Vec<Sample> {
     let length: f64 = leg.pieces.iter().map(|p| p.length_m).sum();
     let count = (length / STEP_M).ceil().max(2.0) as usize;
@@ -192,7 +196,7 @@ fn traced(leg: &Leg) -> Vec<Sample> {
     samples
 }
 
-/// Computes speeds and times, and the activities `Starting` and `Stopping`.
+/// Computes the speeds and times of the samples, and sets the activities `Starting` and `Stopping`.
 fn time(leg: &Leg, samples: &mut [Sample], step: f64) {
     let gain = 2.0 * ACCELERATION * step;
     let mut square: Vec<f64> =
@@ -220,17 +224,19 @@ fn time(leg: &Leg, samples: &mut [Sample], step: f64) {
     }
 }
 
-/// A car's motion over time. Before and after it, the car is at rest, unless the drive begins or ends at speed.
+/// The motion of a car over time. A drive that begins or ends at speed continues straight on outside its legs.
+/// Otherwise the car is at rest before and after the legs.
 #[derive(Clone, Debug)]
 pub struct Drive {
     legs: Vec<(Leg, Vec<Sample>)>,
     wheelbase_m: f64,
-    /// Time at which the first leg begins, s.
+    /// Time in the clip at which the first leg begins, s.
     pub start_s: f64,
 }
 
 impl Drive {
-    /// Creates a drive that starts (or with `at_end`, ends) with the car's origin at a pose. `legs` must not be empty.
+    /// Creates a drive from at least one leg. The car's origin is at `pose` at the start of the drive, or at its end if
+    /// `at_end` is true.
     #[must_use]
     pub fn new(legs: Vec<Leg>, wheelbase_m: f64, pose: GroundPose, at_end: bool) -> Self {
         let (mut clock, mut here) = (0.0, (Vector2::zeros(), 0.0));
@@ -262,7 +268,7 @@ impl Drive {
         self.legs.last().and_then(|(leg, s)| Some(s.last()?.time_s + leg.rest_s)).unwrap_or(0.0)
     }
 
-    /// Returns the car's state at a time, s.
+    /// Returns the state of the car at a time of the clip, s.
     #[must_use]
     pub fn at(&self, time_s: f64) -> CarState {
         let clock = time_s - self.start_s;
@@ -286,7 +292,7 @@ impl Drive {
         CarState::parked(GroundPose { x_m: 0.0, y_m: 0.0, heading_rad: 0.0 })
     }
 
-    /// Interpolates between two samples, at constant acceleration.
+    /// Interpolates between two samples with constant acceleration. `clock` is the time since the first leg began, s.
     fn between(&self, samples: &[Sample], clock: f64) -> CarState {
         let next = samples.partition_point(|s| s.time_s <= clock).clamp(1, samples.len() - 1);
         let (a, b) = (&samples[next - 1], &samples[next]);
@@ -298,7 +304,8 @@ impl Drive {
         self.state(at, mix(a.heading, b.heading), speed, mix(a.curvature, b.curvature), a.activity)
     }
 
-    /// Extrapolates before the first or after the last sample: at rest, or straight on at speed.
+    /// Returns the state before the first or after the last sample. If `moving` is true, the car drives straight on;
+    /// otherwise the car is at rest.
     fn beyond(&self, sample: &Sample, moving: bool, since_s: f64) -> CarState {
         let speed = if moving { sample.speed } else { 0.0 };
         self.state(
@@ -335,7 +342,8 @@ fn ahead(heading: f64) -> Vector2<f64> {
     Vector2::new(heading.cos(), heading.sin())
 }
 
-/// Transforms a pose from a frame to the frame's parent.
+/// Transforms a pose from a frame to the parent of the frame. `frame` is the frame's pose in its parent. A pose is a
+/// position and a heading.
 fn moved(frame: (Vector2<f64>, f64), pose: (Vector2<f64>, f64)) -> (Vector2<f64>, f64) {
     let (sin, cos) = frame.1.sin_cos();
     let (x, y) = (pose.0.x, pose.0.y);

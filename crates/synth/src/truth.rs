@@ -1,78 +1,80 @@
-//! Options of a scene, and the scene with its ground truth.
+//! Options of a synthetic scene, and the scene with its ground truth.
 
 use nalgebra::Vector3;
 use roadplane_base::{CameraParams, GroundPose, ImageSize, KEYPOINTS, KeypointSet, Shape};
 
 use crate::models::CarModel;
 
-/// Layout of the cars of a scene.
+/// Arrangement of the cars of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Layout {
     /// Random positions and headings.
     Random,
-    /// Side by side in rows, with headings along one axis (in both directions).
+    /// Cars side by side in rows. Headings are along one axis, in both directions.
     Rows,
-    /// All in one row across the view, with the same heading.
+    /// All cars in one row across the view, with the same heading.
     OneRow,
     /// Random positions, all with the same heading.
     Parallel,
 }
 
-/// Error of a wholly wrong car.
+/// Kind of error of a car whose keypoints are all wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Wrong {
-    /// Keypoints scattered over the box.
+    /// Keypoints at random positions in the car's box.
     Scattered,
-    /// The keypoints of a car in another pose, which is not on the plane.
+    /// Keypoints of the car in another pose, which is not on the ground plane.
     OtherPose,
-    /// Left and right swapped, as by a net that confuses front and back.
+    /// Left and right keypoints swapped. A net makes this error if it confuses front and back.
     Mirrored,
 }
 
-/// Options of a scene. Ranges are [low, high].
+/// Options of a scene. Ranges have the form [low, high].
 #[derive(Clone, Debug)]
 pub struct SynthOptions {
     /// Width and height of the image, px.
     pub size: ImageSize,
     /// Number of cars.
     pub cars: usize,
-    /// Focal length in units of the image width (drawn log-uniformly).
+    /// Range of the focal length, in units of the image width. The focal length is drawn log-uniformly.
     pub focal_ratio: [f64; 2],
-    /// Camera height, m.
+    /// Range of the camera's height above the ground, m.
     pub height_m: [f64; 2],
-    /// Tilt, rad.
+    /// Range of the camera's tilt, rad. The tilt is the angle below the horizontal.
     pub tilt: [f64; 2],
-    /// Roll, rad.
+    /// Range of the camera's roll, rad.
     pub roll: [f64; 2],
-    /// Longer side of a car's box, px.
+    /// Range of the longer side of a car's box, px.
     pub box_px: [f64; 2],
-    /// Layout of the cars.
+    /// Arrangement of the cars.
     pub layout: Layout,
-    /// Factor on the shape coefficients, whose sd is 1. With 0, every car is the mean car.
+    /// Factor on the random shape coefficients, whose sd is 1. With 0, every car has the mean shape.
     pub shape_sd: f64,
-    /// Cars to draw from instead of the atlas; the atlas is used if this is empty.
+    /// Car models to draw the cars from. If the list is empty, the cars are drawn from the shape atlas.
     pub models: Vec<CarModel>,
-    /// Factor on the residual of the first six modes: on fine modes, and on the rest per keypoint.
+    /// Factor on the shape details that the first six shape modes do not describe: the finer modes, and a residual per
+    /// keypoint.
     ///
-    /// Cars of the atlas are then drawn from the body types of traffic. With 0, cars have six normally distributed
-    /// modes.
+    /// With a factor above 0, the shapes follow the mixture of body types in traffic. With 0, the cars have six modes
+    /// with normally distributed coefficients.
     pub off_atlas: f64,
-    /// Share of the keypoints that are visible, 0–1. The keypoints that face the camera most are chosen.
+    /// Share of a car's keypoints that are visible, 0–1. The visible keypoints are those that face the camera most.
     pub seen: f64,
-    /// Noise sd as a share of the box's longer side.
+    /// Sd of the keypoint noise, as a share of the longer side of the car's box.
     pub noise: f64,
     /// Share of gross outliers among the visible keypoints, 0–1.
     pub outliers: f64,
-    /// Share of wholly wrong cars, 0–1 (rounded to whole cars).
+    /// Share of cars whose keypoints are all wrong, 0–1. The number of such cars is rounded.
     pub wrong_cars: f64,
-    /// Kind of error of the wrong cars. With `None`, the cars get the three kinds in turn.
+    /// Kind of error of the wrong cars. With `None`, the wrong cars have the three kinds in turn.
     pub wrong: Option<Wrong>,
-    /// View error of a net that all cars share: two turns of each car, rad.
+    /// Mean view error of all cars: two angles by which each car appears rotated, rad. A keypoint net can have such an
+    /// error.
     ///
-    /// The first turn is about the horizontal across the line of sight, as from another elevation. The second is about
-    /// the line of sight.
+    /// The first rotation is about the horizontal axis across the line of sight. This rotation shows the car from
+    /// another elevation. The second rotation is about the line of sight.
     pub view_off: [f64; 2],
-    /// sds of single cars about `view_off`, rad.
+    /// Sds of the view errors of single cars around `view_off`, rad.
     pub view_sd: [f64; 2],
 }
 
@@ -106,15 +108,15 @@ impl Default for SynthOptions {
 pub struct CarTruth {
     /// True pose on the plane.
     pub pose: GroundPose,
-    /// True shape; the nearest shape of the atlas for a car that is not in the atlas.
+    /// True shape. For a car that is not in the atlas, it is the nearest shape of the atlas.
     pub shape: Shape,
-    /// True keypoints, car frame, m (with the residual that the atlas does not span).
+    /// True keypoints, car frame, m. They include the residual that the shape modes of the atlas do not describe.
     pub keypoints_in_car: [Vector3<f64>; KEYPOINTS],
-    /// Measured keypoints.
+    /// Measured keypoints of the car.
     pub keypoints: KeypointSet,
     /// Whether each measured keypoint is a gross outlier.
     pub outlier: [bool; KEYPOINTS],
-    /// Whether the car is wholly wrong.
+    /// Whether all measured keypoints of the car are wrong.
     pub wrong: bool,
     /// Longer side of the car's box, px.
     pub box_px: f64,
@@ -125,9 +127,9 @@ pub struct CarTruth {
 pub struct SceneTruth {
     /// Width and height of the image, px.
     pub size: ImageSize,
-    /// Focal length and plane.
+    /// Focal length and ground plane.
     pub params: CameraParams,
-    /// Cars.
+    /// Cars of the scene.
     pub cars: Vec<CarTruth>,
 }
 

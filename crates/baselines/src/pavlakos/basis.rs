@@ -1,22 +1,23 @@
-//! Parts that both steps use: the shape basis, weighted means, the nearest rotation, and the end of the descent.
+//! Parts that weak and full perspective share: the shape basis, weighted means, the nearest rotation, and the limits of
+//! the descent.
 
 use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{MODES, Shape, ShapeAtlas};
 
 use crate::evidence::Observation;
 
-/// sd of a keypoint on the car, m: about 3 % of a car's length.
+/// Sd of a keypoint on the car, m: about 3 % of a car's length.
 pub(super) const KEYPOINT_SD_M: f64 = 0.13;
-/// Most rounds of block coordinate descent, as in their code.
+/// Largest number of rounds of block coordinate descent, as in the code of Pavlakos et al.
 pub(super) const MAX_ROUNDS: usize = 1000;
-/// The descent ends when the relative decrease of the cost in a round is smaller.
+/// Relative decrease of the cost per round below which the descent ends.
 pub(super) const COST_TOLERANCE: f64 = 1e-9;
 
 /// The shape basis at the observed keypoints, car frame, m.
 pub(super) struct Basis {
-    /// B₀, by observation.
+    /// Mean shape B₀: one point per observation.
     pub mean: Vec<Vector3<f64>>,
-    /// B_i, by observation.
+    /// Modes B_i of the shape: each mode has one vector per observation.
     pub modes: [Vec<Vector3<f64>>; MODES],
 }
 
@@ -28,14 +29,14 @@ impl Basis {
         }
     }
 
-    /// Returns S, the points of the shape with coefficients `c`, car frame, m.
+    /// Returns the points S of the shape with the coefficients `c`, car frame, m. There is one point per observation.
     pub fn shape(&self, c: &Shape) -> Vec<Vector3<f64>> {
         let point = |i: usize| (0..MODES).fold(self.mean[i], |point, j| point + self.modes[j][i] * c[j]);
         (0..self.mean.len()).map(point).collect()
     }
 
-    /// Returns the basis with the weighted mean of every member subtracted. It is the basis of the problem with the
-    /// best translation substituted.
+    /// Returns a basis without translation: the weighted mean is subtracted from the mean shape and from each mode. A
+    /// problem with this basis need not contain the translation.
     pub fn centred(&self, observations: &[Observation]) -> Self {
         let centred = |points: &[Vector3<f64>]| {
             let mean = weighted_mean(points, observations);
@@ -51,8 +52,8 @@ pub(super) fn weighted_mean(points: &[Vector3<f64>], observations: &[Observation
     points.iter().zip(observations).map(|(point, s)| point * s.weight).sum::<Vector3<f64>>() / total
 }
 
-/// Returns the rotation nearest to a matrix: `argmax tr(Rᵀ M)` (Procrustes; Umeyama 1991). Returns `None` if M is not
-/// finite.
+/// Returns the rotation R nearest to a matrix M: `argmax tr(Rᵀ M)` (Procrustes; Umeyama 1991). Returns `None` if M is
+/// not finite.
 pub(super) fn nearest_rotation(m: &Matrix3<f64>) -> Option<Matrix3<f64>> {
     if !m.iter().all(|v| v.is_finite()) {
         return None;

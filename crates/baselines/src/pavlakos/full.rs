@@ -1,9 +1,14 @@
-//! Full perspective: `min ½ ‖(W̃ Z − R S(c) − T 1ᵀ) D^½‖² + λ/2 ‖c‖²` by block coordinate descent.
+//! Solves full perspective: minimises `½ ‖(W̃ Z − R S(c) − T 1ᵀ) D^½‖² + λ/2 ‖c‖²` by block coordinate descent.
 //!
-//! The best depth of an observation is that of the foot of its point on the viewing ray. So with `P_i = I − w_i w_iᵀ /
-//! w_iᵀ w_i` the cost is `½ Σ d_i ‖P_i (R S_i + T)‖²`: the distance of the points from their rays. Depths and
-//! translation are therefore solved together in closed form (Lu, Hager, Mjolsness 2000, Eq. 20). Their code alternates
-//! between the two; it finds the same minimum in far more rounds.
+//! W̃ are the viewing rays, Z their depths, and D the confidences. R and T are the rotation and translation of the car.
+//! S(c) are its points with the shape coefficients c.
+//!
+//! For a given pose, the best depth puts an observation at the foot of the perpendicular from the point to the viewing
+//! ray w_i. With `P_i = I − w_i w_iᵀ / w_iᵀ w_i`, the cost is then `½ Σ d_i ‖P_i (R S_i + T)‖²`. This cost contains the
+//! squared distances of the points from their rays, weighted by the confidences d_i.
+//!
+//! So depths and translation are solved together in closed form (Lu, Hager, Mjolsness 2000, Eq. 20). The code of
+//! Pavlakos et al. alternates between depths and translation. It finds the same minimum in far more rounds.
 
 use nalgebra::{Isometry3, Matrix3, Matrix6, Rotation3, Translation3, UnitQuaternion, Vector3};
 use roadplane_base::{MODES, Shape};
@@ -21,7 +26,7 @@ pub(super) fn solve(basis: &Basis, observations: &[Observation], start: &WeakPer
     let mut rotation = start.camera_from_car;
     let mut shape = start.shape;
     let mut points = basis.shape(&shape);
-    // The depth comes from the scale of weak perspective.
+    // The initial depth follows from the scale of weak perspective.
     let mut translation =
         start.centre.push(1.0) / start.scale - rotation * weighted_mean(&points, observations);
     let mut last_cost = f64::INFINITY;
@@ -49,7 +54,8 @@ pub(super) fn solve(basis: &Basis, observations: &[Observation], start: &WeakPer
     })
 }
 
-/// Returns the rotation that best takes the points to their feet on the rays (Procrustes about the means).
+/// Returns the rotation that best moves the points onto their viewing rays (Procrustes about the means). `across` are
+/// the matrices P_i of this file.
 fn turned(
     rotation: &Matrix3<f64>,
     translation: &Vector3<f64>,
@@ -70,7 +76,7 @@ fn turned(
     nearest_rotation(&cross)
 }
 
-/// Returns the best translation given the rest, by linear least squares.
+/// Returns the best translation for a given rotation and shape, by linear least squares.
 fn best_translation(
     rotation: &Matrix3<f64>,
     points: &[Vector3<f64>],
@@ -85,7 +91,7 @@ fn best_translation(
     Some(normal.cholesky()?.solve(&right))
 }
 
-/// Returns the best c given the rest, by ridge regression.
+/// Returns the best shape coefficients for a given rotation and translation, by ridge regression.
 fn best_shape(
     basis: &Basis,
     rotation: &Matrix3<f64>,

@@ -1,27 +1,34 @@
-//! The convex relaxation that starts the descent (Zhou et al. 2015, "3D shape estimation from 2D landmarks: a convex
-//! relaxation approach", Eq. 9–11, with the mean shape alone).
+//! The convex relaxation that gives the initial values of the descent. It uses the mean shape alone.
 //!
-//! `M = s R̄` is a scaled pair of orthonormal rows. The convex hull of such pairs is a ball of the spectral norm. So M
-//! may be any 2 × 3 matrix, with a penalty on its spectral norm:
+//! The method is that of Zhou et al. 2015, "3D shape estimation from 2D landmarks: a convex relaxation approach", Eq.
+//! 9–11.
+//!
+//! The unknown is the 2 × 3 matrix `M = s R̄`: a scale s times two orthonormal rows R̄. For a fixed s, the convex hull
+//! of such matrices is a ball of the spectral norm. So the relaxed M may be any 2 × 3 matrix, with a penalty on its
+//! spectral norm:
 //!
 //! ```text
 //! min_M ½ ‖(W − M B) D^½‖² + α ‖M‖₂          W, B centred
 //! ```
 //!
-//! ADMM solves it. Its second step is the proximal operator of the spectral norm, in closed form.
+//! W are the image points, B the points of the mean shape, and D the confidences. α is the weight of the penalty.
+//!
+//! ADMM solves this problem. Its second step is the proximal operator of the spectral norm, in closed form.
 
 use nalgebra::{Matrix2x3, Matrix3, Vector2};
 
-/// α as a share of the value at which M = 0 becomes the solution.
+/// Weight α of the penalty, as a share of the least α for which M = 0 is the solution.
 const ALPHA_SHARE: f64 = 0.02;
-/// Most iterations of ADMM.
+/// Largest number of iterations of ADMM.
 const MAX_ITERATIONS: usize = 500;
-/// The iteration ends when the relative change of M is smaller.
+/// Relative change of M below which the iteration ends.
 const TOLERANCE: f64 = 1e-8;
 
-/// Returns M from `square = B D Bᵀ` and `cross = W D Bᵀ`; `None` if they do not determine it.
+/// Returns the solution M of the relaxed problem, from `square = B D Bᵀ` and `cross = W D Bᵀ`. Returns `None` if M is
+/// not determined.
 pub(super) fn relaxed_motion(square: &Matrix3<f64>, cross: &Matrix2x3<f64>) -> Option<Matrix2x3<f64>> {
-    // M = 0 is the solution from α = the dual norm of the cross term on, which is the sum of its singular values.
+    // M = 0 is the solution if α is at least the dual norm of the cross term. The dual norm is the sum of the singular
+    // values.
     let alpha = ALPHA_SHARE * singular_values(cross)?.sum();
     let penalty = square.trace() / 3.0;
     let inverse = (square + Matrix3::identity() * penalty).try_inverse()?;
@@ -40,18 +47,20 @@ pub(super) fn relaxed_motion(square: &Matrix3<f64>, cross: &Matrix2x3<f64>) -> O
     (z.norm() > 0.0).then_some(z)
 }
 
-/// Returns `argmin_M ½ ‖M − Q‖² + τ ‖M‖₂`: singular values minus their projection on the ℓ₁ ball of radius τ.
+/// Returns the matrix M that minimises `½ ‖M − Q‖² + τ ‖M‖₂`. Its singular values are those of Q, minus their
+/// projection on the ℓ₁ ball of radius τ.
 fn proximal(q: &Matrix2x3<f64>, tau: f64) -> Option<Matrix2x3<f64>> {
     let svd = checked_svd(q)?;
     let (u, v_t, sigma) = (svd.u?, svd.v_t?, svd.singular_values);
     let (most, least) = (sigma.max(), sigma.min());
-    // The projection takes the part above θ, of both values or of the larger one alone.
+    // Singular values above θ are reduced to θ: either both values, or the larger one alone.
     let both = (most + least - tau) / 2.0;
     let theta = if both < least { both } else { most - tau };
     Some(u * nalgebra::Matrix2::from_diagonal(&sigma.map(|s| s.min(theta.max(0.0)))) * v_t)
 }
 
-/// Returns the 2 × 3 pair of orthonormal rows nearest to M, and the mean of M's singular values.
+/// Returns the 2 × 3 matrix with orthonormal rows that is nearest to M, and the mean of M's singular values. Returns
+/// `None` if the rows of M are almost parallel.
 pub(super) fn nearest_scaled_rows(m: &Matrix2x3<f64>) -> Option<(Matrix2x3<f64>, f64)> {
     let svd = checked_svd(m)?;
     let (u, v_t) = (svd.u?, svd.v_t?);
@@ -96,7 +105,7 @@ mod tests {
 
     #[test]
     fn scaled_rows_survive_the_relaxation() {
-        // With points spread alike in all directions the penalty only shortens M.
+        // If the points spread equally in all directions, the penalty only shrinks M.
         let square = Matrix3::identity() * 10.0;
         let rows = nalgebra::Rotation3::from_euler_angles(0.3, -0.8, 2.0);
         let truth = rows.matrix().fixed_view::<2, 3>(0, 0) * 0.05;

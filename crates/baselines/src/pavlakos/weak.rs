@@ -1,4 +1,8 @@
-//! Weak perspective: `min ½ ‖(W − s R̄ S(c) − t 1ᵀ) D^½‖² + λ/2 ‖c‖²` by block coordinate descent from the relaxation.
+//! Solves weak perspective: minimises `½ ‖(W − s R̄ S(c) − t 1ᵀ) D^½‖² + λ/2 ‖c‖²` by block coordinate descent. The
+//! initial values come from the convex relaxation.
+//!
+//! W are the image points and D the confidences. The scale is s, the first two rows of the rotation are R̄, and the
+//! translation is t. S(c) are the points of the car with the shape coefficients c.
 
 use nalgebra::{Matrix2x3, Matrix3, Matrix6, Vector2, Vector3};
 use roadplane_base::{MODES, Shape};
@@ -7,21 +11,21 @@ use super::basis::{Basis, COST_TOLERANCE, KEYPOINT_SD_M, MAX_ROUNDS, nearest_rot
 use super::relaxation::{nearest_scaled_rows, relaxed_motion};
 use crate::evidence::Observation;
 
-/// A car under weak perspective.
+/// The pose and shape of a car under weak perspective.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WeakPerspective {
     /// Rotation from the car's frame to the camera's axes.
     pub camera_from_car: Matrix3<f64>,
     /// Scale for a camera of focal length 1, 1/m: the inverse of the depth.
     pub scale: f64,
-    /// Image of the weighted mean of the points, for a camera of focal length 1.
+    /// Weighted mean of the image points, for a camera of focal length 1.
     pub centre: Vector2<f64>,
-    /// Shape coefficients, each in units of its sd over all cars.
+    /// Shape coefficients, each divided by its sd over all cars.
     pub shape: Shape,
 }
 
 pub(super) fn solve(basis: &Basis, observations: &[Observation]) -> Option<WeakPerspective> {
-    // Centring all points substitutes the best translation.
+    // With the means subtracted, the problem need not contain the translation.
     let centre = weighted_mean(&observations.iter().map(|s| s.ray).collect::<Vec<_>>(), observations).xy();
     let image: Vec<Vector2<f64>> = observations.iter().map(|s| s.xy() - centre).collect();
     let basis = basis.centred(observations);
@@ -56,7 +60,7 @@ pub(super) fn solve(basis: &Basis, observations: &[Observation]) -> Option<WeakP
     })
 }
 
-/// Returns the best s given the rest, a quotient of sums.
+/// Returns the best scale for a given rotation and shape: a quotient of two sums.
 fn best_scale(
     rotation: &Matrix3<f64>,
     points: &[Vector3<f64>],
@@ -73,11 +77,12 @@ fn best_scale(
     (scale.is_finite() && scale > 0.0).then_some(scale)
 }
 
-/// Returns a better rotation given the rest, by Green and Gower's step for rows on a Stiefel manifold (Gower &
-/// Dijksterhuis 2004, §5.1).
+/// Returns a better rotation for a given scale and shape. The step is that of Green and Gower for rows on a Stiefel
+/// manifold (Gower & Dijksterhuis 2004, §5.1).
 ///
-/// The third row of the image is not observed. The current estimate fills it in, which gives a Procrustes problem that
-/// cannot raise the cost. The step replaces their manifold optimisation of the same sub-problem.
+/// An image lacks the depths of the points. The current estimate supplies these depths, and the problem becomes a
+/// Procrustes problem. Its solution cannot raise the cost. Pavlakos et al. solve the same sub-problem by optimisation
+/// on the manifold.
 fn turned(
     rotation: &Matrix3<f64>,
     scale: f64,
@@ -93,7 +98,7 @@ fn turned(
     nearest_rotation(&cross)
 }
 
-/// Returns the best c given the rest, by ridge regression.
+/// Returns the best shape coefficients for a given rotation and scale, by ridge regression.
 fn best_shape(
     basis: &Basis,
     rotation: &Matrix3<f64>,

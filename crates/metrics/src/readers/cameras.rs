@@ -1,5 +1,7 @@
-//! Real reference cameras: `cameras.json` (schema `roadplane.cameras/1`) lists pictures or clips with focal length,
-//! ground and lens, and the sds of these values.
+//! Reads real reference cameras from `cameras.json` (schema `roadplane.cameras/1`).
+//!
+//! For each picture or clip, the file gives the focal length, the ground plane and the lens distortion, with their
+//! standard deviations.
 
 use std::path::{Path, PathBuf};
 
@@ -10,17 +12,17 @@ use serde::Deserialize;
 use crate::MetricsError;
 use crate::text_file::read_text;
 
-/// Schema of the file.
+/// Schema id of the file `cameras.json`.
 const SCHEMA: &str = "roadplane.cameras/1";
-/// Largest k1 (absolute value) of a lens that counts as straight.
+/// Largest absolute value of k1 at which a lens is treated as free of distortion.
 const STRAIGHT: f64 = 0.05;
 
-/// A real camera with a known focal length, ground and lens.
+/// A real camera with a known focal length, ground plane and lens distortion.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReferenceCamera {
-    /// Source and name, `source/name`.
+    /// Source and name of the camera, written as `source/name`.
     pub id: String,
-    /// Its picture or clip.
+    /// Path of the camera's picture or clip.
     pub media: PathBuf,
     /// Size of the picture.
     pub size: ImageSize,
@@ -30,14 +32,14 @@ pub struct ReferenceCamera {
     pub principal_point_px: Vector2<f64>,
     /// The ground plane.
     pub plane: GroundPlane,
-    /// Radial distortion k1, k2 (OpenCV's model).
+    /// Coefficients k1 and k2 of radial distortion (OpenCV's model).
     pub distortion: [f64; 2],
-    /// sds of the truth: log focal, tilt (rad), roll (rad), log height.
+    /// Standard deviations of the reference values: log focal length, tilt (rad), roll (rad), log height.
     pub sd: [f64; 4],
 }
 
 impl ReferenceCamera {
-    /// Returns the camera with its lens.
+    /// Returns the camera with its lens distortion.
     #[must_use]
     pub fn camera(&self) -> Camera {
         let [k1, k2] = self.distortion;
@@ -79,11 +81,12 @@ struct Sd {
     height_share: f64,
 }
 
-/// Reads `cameras.json`. Paths of media in it are relative to its folder.
+/// Reads `cameras.json`. Media paths in the file are relative to the folder of the file. The returned paths include
+/// that folder.
 ///
 /// # Errors
-/// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`] for another schema, or for values that are not finite and
-/// above 0.
+/// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`] for another schema or an invalid number. Focal lengths,
+/// heights and the lengths of normals must be finite and positive.
 pub fn read_cameras(path: &Path) -> Result<Vec<ReferenceCamera>, MetricsError> {
     let text = read_text(path)?;
     let file: File =

@@ -1,4 +1,5 @@
-//! Reads boxes in COCO's form: annotations (`images`, `annotations`, `categories`) and results (a list with scores).
+//! Reads boxes in COCO's format, from two files: annotations (`images`, `annotations`, `categories`) and results (a
+//! list of boxes with scores).
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -46,13 +47,14 @@ struct Found {
     score: f64,
 }
 
-/// Reads truth and results. Returns, for each category, its name and the boxes of each picture, in the order of their
-/// ids.
+/// Reads a file of true boxes and a file of detections. Returns each category's name and its boxes in each picture.
+/// Categories and pictures are sorted by id.
 ///
-/// As in the reference, crowds are the only regions that are ignored.
+/// As in pycocotools, crowd regions are the only true boxes that are ignored.
 ///
 /// # Errors
-/// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`] for a file of another form, or with an unknown picture.
+/// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`] for a file of another format, or for a box of an unknown
+/// picture or category.
 pub fn read_coco(truth: &Path, found: &Path) -> Result<Vec<(String, Vec<PictureBoxes>)>, MetricsError> {
     let annotations: Annotations = parse(truth)?;
     let results: Vec<Found> = parse(found)?;

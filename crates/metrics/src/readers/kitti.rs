@@ -1,9 +1,11 @@
-//! Reads labels of the KITTI object and tracking benchmarks (Geiger et al. 2012), as their readme.txt describes them.
+//! Reads the labels of the KITTI object and tracking benchmarks (Geiger et al. 2012). The file readme.txt of the
+//! benchmarks describes the format.
 //!
-//! A KITTI object is given in the rectified frame of camera 0 (x right, y down, z forward). Its origin is the bottom
-//! centre of its 3D box, and `rotation_y` turns its length axis from the camera's x axis about the y axis. Images are
-//! those of camera 2, whose projection `P2 = K [I | t]` contains the shift t between the two cameras. Poses here are in
-//! camera 2's frame.
+//! A label describes an object in the rectified frame of camera 0 (x right, y down, z forward). The object's origin is
+//! the bottom centre of its 3D box. The angle `rotation_y` about the y axis is 0 if the object's length is along x.
+//!
+//! The images come from camera 2. Its projection `P2 = K [I | t]` contains the shift t between the two cameras. This
+//! module returns poses in camera 2's frame.
 
 mod calib;
 mod folder;
@@ -21,41 +23,42 @@ pub use folder::{KittiItem, object_items};
 /// One labelled object.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KittiObject {
-    /// `Car`, `Van`, `Truck`, `Pedestrian`, … `DontCare`.
+    /// Type of the object: `Car`, `Van`, `Truck`, `Pedestrian`, … `DontCare`.
     pub kind: String,
-    /// Share outside the picture, 0–1; −1 if unknown.
+    /// Share of the object outside the picture, 0–1; −1 if unknown.
     pub truncated: f64,
-    /// 0 fully visible, 1 partly hidden, 2 largely hidden, 3 unknown; −1 for `DontCare`.
+    /// Occlusion of the object: 0 fully visible, 1 partly hidden, 2 largely hidden, 3 unknown; −1 for `DontCare`.
     pub occluded: i32,
-    /// Left, top, right, bottom, px. KITTI counts pixels from 0 at the first pixel's centre, as we do.
+    /// Box in the picture: left, top, right, bottom, px. The centre of the first pixel is (0, 0), as everywhere in this
+    /// project.
     pub bbox_px: [f64; 4],
     /// Length, width, height, m (the file's order is height, width, length).
     pub dims_m: [f64; 3],
     /// Bottom centre of the box in camera 0's frame, m.
     pub location_m: [f64; 3],
-    /// Turn about the camera's y axis, rad.
+    /// Rotation of the object about the camera's y axis, rad.
     pub rotation_y: f64,
 }
 
-/// One labelled object of a frame of the tracking benchmark.
+/// One labelled object in one frame of the tracking benchmark.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KittiTracked {
     /// Index of the frame.
     pub frame: u64,
     /// Id of the track; −1 for `DontCare`.
     pub track: i64,
-    /// The object.
+    /// The labelled object.
     pub object: KittiObject,
 }
 
 impl KittiObject {
-    /// Returns whether the object is of a kind that the shape atlas covers.
+    /// Returns whether the object is a `Car` or a `Van`. The shape atlas covers these two types.
     #[must_use]
     pub fn is_car(&self) -> bool {
         self.kind == "Car" || self.kind == "Van"
     }
 
-    /// Returns whether the object is a vehicle of any kind.
+    /// Returns whether the object is a `Car`, a `Van` or a `Truck`.
     #[must_use]
     pub fn is_vehicle(&self) -> bool {
         self.is_car() || self.kind == "Truck"
@@ -63,12 +66,12 @@ impl KittiObject {
 
     /// Returns the rigid motion from the box's frame to camera 2's frame.
     ///
-    /// The box's frame has x forward, y left, z up. Its origin is the bottom centre, not midway between the axles as
-    /// for our cars.
+    /// The box's frame has x forward, y left and z up. Its origin is the bottom centre of the box. The car frame of
+    /// this project has another origin: the point midway between the axles.
     #[must_use]
     pub fn camera_from_box(&self, camera: &KittiCamera) -> Isometry3<f64> {
         let (sin, cos) = self.rotation_y.sin_cos();
-        // Columns: directions of the box's forward, left and up axes.
+        // The columns are the directions of the box's forward, left and up axes.
         let axes = Matrix3::from_columns(&[
             Vector3::new(cos, 0.0, -sin),
             Vector3::new(sin, 0.0, cos),
@@ -81,18 +84,18 @@ impl KittiObject {
     }
 }
 
-/// Reads `label_2/NNNNNN.txt` of the object benchmark.
+/// Reads the labels of one image of the object benchmark, `label_2/NNNNNN.txt`.
 ///
 /// # Errors
-/// [`MetricsError::Unreadable`], or [`MetricsError::Malformed`] with line and field.
+/// [`MetricsError::Unreadable`], or [`MetricsError::Malformed`], which names the line and the field.
 pub fn read_objects(path: &Path) -> Result<Vec<KittiObject>, MetricsError> {
     lines(path, words, object)
 }
 
-/// Reads `label_02/NNNN.txt` of the tracking benchmark.
+/// Reads the labels of one sequence of the tracking benchmark, `label_02/NNNN.txt`.
 ///
 /// # Errors
-/// [`MetricsError::Unreadable`], or [`MetricsError::Malformed`] with line and field.
+/// [`MetricsError::Unreadable`], or [`MetricsError::Malformed`], which names the line and the field.
 pub fn read_tracked(path: &Path) -> Result<Vec<KittiTracked>, MetricsError> {
     lines(path, words, |fields| {
         Ok(KittiTracked {
@@ -119,7 +122,7 @@ fn object(fields: &[&str]) -> Result<KittiObject, String> {
         rotation_y: at(14, "rotation_y")?,
         kind,
     };
-    // DontCare regions have −1 and −1000 in the fields that are not labelled.
+    // In `DontCare` regions, fields without a label contain −1 or −1000.
     if object.kind != "DontCare" && !object.dims_m.iter().all(|d| *d > 0.0) {
         return Err("dimensions must be positive".to_owned());
     }
@@ -132,7 +135,7 @@ mod tests {
     use super::*;
     use nalgebra::Point3;
 
-    /// A line in the benchmark's form, with numbers of our own.
+    /// A line in the benchmark's format, with invented numbers.
     const CAR: &str = "Car 0.80 3 -0.55 0.00 190.25 400.50 373.75 1.60 1.57 3.23 -2.70 1.74 3.68 -1.29";
 
     fn of(text: &str) -> Result<Vec<KittiObject>, MetricsError> {
@@ -153,7 +156,8 @@ mod tests {
 
     #[test]
     fn the_axes_are_those_of_the_development_kit() {
-        // computeBox3D.m: corners x ±l/2, y 0 … −h, z ±w/2, turned by [c 0 s; 0 1 0; −s 0 c], shifted to the location.
+        // In computeBox3D.m, the corners are x ±l/2, y 0 … −h, z ±w/2. They are turned by [c 0 s; 0 1 0; −s 0 c], and
+        // then shifted to the location.
         let object = &of(CAR).unwrap()[0];
         let camera = KittiCamera::new(721.5, [609.6, 172.9], Vector3::zeros());
         let pose = object.camera_from_box(&camera);
@@ -161,7 +165,7 @@ mod tests {
         let theirs = |x: f64, y: f64, z: f64| {
             Point3::new(cos * x + sin * z - 2.70, y + 1.74, -sin * x + cos * z + 3.68)
         };
-        // Their x is our x, their −y our z, their z our y.
+        // In the box's frame of this project, x is their x, y is their z, and z is their −y.
         for (ours, theirs) in [
             (Point3::new(1.6, 0.0, 0.0), theirs(1.6, 0.0, 0.0)),
             (Point3::new(0.0, 0.8, 0.0), theirs(0.0, 0.0, 0.8)),

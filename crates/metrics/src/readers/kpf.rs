@@ -1,7 +1,7 @@
-//! Reads boxes in Kitware's KPF (KWIVER packet format), a stream of YAML maps.
+//! Reads boxes in Kitware's format KPF (KWIVER packet format), a list of YAML maps.
 //!
 //! - `geom` packets: `id1` is the track, `ts0` the frame, `g0` the box as `x0 y0 x1 y1`.
-//! - `types` packets: `cset3` maps each type to the likelihood that the track has it.
+//! - `types` packets: `cset3` maps each type to the likelihood that the track has this type.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -11,7 +11,7 @@ use yaml_rust2::{Yaml, YamlLoader};
 use crate::MetricsError;
 use crate::text_file::read_text;
 
-/// One box.
+/// One box: an object in one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KpfBox {
     /// Id of the object's track (`id1`).
@@ -22,14 +22,14 @@ pub struct KpfBox {
     pub time_s: f64,
     /// Left, top, right, bottom, px.
     pub bbox_px: [f64; 4],
-    /// `partially`, `mostly`; `None` if the object is fully visible.
+    /// Occlusion of the object: `partially` or `mostly`. `None` if the object is fully visible.
     pub occlusion: Option<String>,
 }
 
-/// Reads the boxes of a `*.geom.yml` file, in the file's order.
+/// Reads the boxes of a `*.geom.yml` file, in the order of the file.
 ///
 /// # Errors
-/// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`] with the packet and field.
+/// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`], which names the packet and the field.
 pub fn read_boxes(path: &Path) -> Result<Vec<KpfBox>, MetricsError> {
     let mut boxes = Vec::new();
     for (i, packet) in packets(path, "geom")? {
@@ -60,7 +60,7 @@ pub fn read_boxes(path: &Path) -> Result<Vec<KpfBox>, MetricsError> {
 /// Reads the most likely type of each track from a `types.yml` file.
 ///
 /// # Errors
-/// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`] with the packet and field.
+/// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`], which names the packet and the field.
 pub fn read_types(path: &Path) -> Result<BTreeMap<u64, String>, MetricsError> {
     let mut types = BTreeMap::new();
     for (i, packet) in packets(path, "types")? {
@@ -82,12 +82,12 @@ pub fn read_types(path: &Path) -> Result<BTreeMap<u64, String>, MetricsError> {
     Ok(types)
 }
 
-/// Returns a number that is written with or without a decimal point.
+/// Returns the value of a YAML number, with or without a decimal point. Returns `None` if the value is no number.
 fn real(value: &Yaml) -> Option<f64> {
     value.as_f64().or_else(|| value.as_i64().map(|v| v as f64))
 }
 
-/// Returns the packets of one kind with their number in the file, from 1. Other packets (`meta`, …) are skipped.
+/// Returns the packets of one kind (`geom` or `types`). Each has its number in the file, counted from 1.
 fn packets(path: &Path, kind: &str) -> Result<Vec<(usize, Yaml)>, MetricsError> {
     let text = read_text(path)?;
     let documents = YamlLoader::load_from_str(&text).map_err(|e| MetricsError::malformed(path, e))?;

@@ -1,4 +1,5 @@
-//! Reads tracks in the MOT Challenge's form: `frame, id, left, top, width, height, …`, px, frames from 1.
+//! Reads tracks in the format of the MOT Challenge. The fields of a line are `frame, id, left, top, width, height, …`.
+//! Boxes are in px, and frames are counted from 1.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -9,13 +10,13 @@ use super::{field, lines, number};
 use crate::MetricsError;
 use crate::sequence::{Sequence, SequenceFrame};
 
-/// Boxes (left, top, right, bottom, px) with their track, by frame.
+/// Boxes of each frame, by frame number. Each box has the id of its track, and its left, top, right and bottom, px.
 pub type MotFrames = BTreeMap<u64, Vec<(u64, [f64; 4])>>;
 
-/// Reads a file of tracks. Fields after the sixth are skipped.
+/// Reads a file of tracks. All fields after the sixth are ignored.
 ///
 /// # Errors
-/// [`MetricsError::Unreadable`], or [`MetricsError::Malformed`] with line and field.
+/// [`MetricsError::Unreadable`], or [`MetricsError::Malformed`], which names the line and the field.
 pub fn read_mot(path: &Path) -> Result<MotFrames, MetricsError> {
     let rows = lines(
         path,
@@ -44,7 +45,7 @@ pub fn read_mot(path: &Path) -> Result<MotFrames, MetricsError> {
     Ok(frames)
 }
 
-/// Combines truth and tracks to a sequence, with the IoU of their boxes as the similarity.
+/// Combines true and estimated tracks into a sequence. The similarity of two boxes is their IoU.
 #[must_use]
 pub fn sequence_of_boxes(truth: &MotFrames, tracks: &MotFrames) -> Sequence {
     let frames: BTreeSet<u64> = truth.keys().chain(tracks.keys()).copied().collect();

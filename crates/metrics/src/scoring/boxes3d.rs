@@ -9,8 +9,8 @@ use crate::viewpoint::rotation_error_rad;
 
 /// Returns the errors of an estimated pose and shape against a true box of length, width and height (m).
 ///
-/// The frame of the box has its origin at the centre of the box's bottom (x forward, y left, z up). The points are the
-/// eight corners; the diameter is the diagonal.
+/// The box's frame has its origin at the centre of the box's bottom (x forward, y left, z up). ADD compares the eight
+/// corners of the boxes. Its unit is the diagonal of the true box.
 #[must_use]
 pub fn score_box(
     true_dims_m: [f64; 3],
@@ -34,8 +34,8 @@ pub fn score_box(
     }
 }
 
-/// Returns the distance of the middle of the body ahead of the middle between the axles, m. Overhangs differ front and
-/// rear.
+/// Returns the distance from the point midway between the axles to the middle of the body, m (positive ahead). The two
+/// points differ because the front and rear overhangs differ.
 #[must_use]
 pub fn body_centre_m(atlas: &ShapeAtlas, shape: &Shape) -> f64 {
     let points = atlas.keypoints_in_car(shape);

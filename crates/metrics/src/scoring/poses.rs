@@ -1,4 +1,4 @@
-//! Scores poses of single frames: ADD and viewpoint.
+//! Scores the poses of single frames: ADD and viewpoint.
 
 use std::collections::BTreeMap;
 
@@ -11,21 +11,21 @@ use crate::viewpoint::rotation_error_rad;
 
 use super::{counts, pairs_by_box};
 
-/// Errors of one car in one frame; infinite if it got no pose.
+/// Errors of one car's pose in one frame. The errors are infinite if the car has no estimated pose.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct PoseScore {
     /// True distance of the car from the camera, m.
     pub distance_m: f64,
-    /// ADD of the points that the system returns, in diameters.
+    /// ADD of the estimated shape under the estimated pose, in diameters of the true car.
     pub add: f64,
-    /// ADD of the true points under the estimated pose, in diameters.
+    /// ADD of the true shape under the estimated pose, in diameters of the true car.
     pub add_of_pose: f64,
-    /// Angle between the rotations, rad.
+    /// Angle between the estimated and the true rotation, rad.
     pub rotation_rad: f64,
 }
 
 impl PoseScore {
-    /// Returns the score of a car without a pose.
+    /// Returns the score of a car without an estimated pose.
     #[must_use]
     pub fn missed(true_camera_from_car: &Isometry3<f64>) -> Self {
         let distance_m = true_camera_from_car.translation.vector.norm();
@@ -33,7 +33,8 @@ impl PoseScore {
     }
 }
 
-/// Returns the errors of an estimated pose whose shape has these keypoints (car frame, by index).
+/// Returns the errors of an estimated pose and shape. `keypoints_in_car` are the keypoints of the estimated shape, by
+/// index (car frame, m).
 #[must_use]
 pub fn score_pose(
     model: &Model,
@@ -54,10 +55,10 @@ pub fn score_pose(
     }
 }
 
-/// Returns the errors of all true cars that count, from the lines of `poses.jsonl`.
+/// Returns the errors of all true cars that [`counts`] accepts. `poses` are the lines of `poses.jsonl`.
 ///
-/// `analysed` decides by frame and time (s) whether a frame was processed. Poses that the run itself rejected (`used:
-/// false`) do not count.
+/// `analysed` returns whether a frame was processed, given its number and time (s). Poses that the run itself rejected
+/// (`used: false`) are left out.
 #[must_use]
 pub fn score_poses(
     truth: &Truth,
@@ -130,7 +131,7 @@ mod tests {
             Translation3::identity(),
             UnitQuaternion::from_axis_angle(&Vector3::z_axis(), 0.2),
         );
-        // The poses are in another order than the cars. The run rejected the third.
+        // The poses are in another order than the cars. The run rejected the third pose.
         let poses = [pose(1, turn), pose(0, shift), pose(2, Isometry3::identity())];
         let scores = score_poses(&truth, &poses, &atlas, |_, _| true);
         let diameter = diameter_m(&truth.models[0].keypoints());

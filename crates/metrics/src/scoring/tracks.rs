@@ -1,4 +1,4 @@
-//! Scores the tracks of a clip: identity on the ground; position, motion and jitter of found cars.
+//! Scores the tracks of a clip: identities on the ground, and errors of position, motion and jitter.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -12,35 +12,43 @@ use crate::truth::{TrueCar, Truth};
 
 use super::{is_seen, pairs_by_box};
 
-/// Largest distance of a filled-in row from the true car that it belongs to, m.
+/// Largest distance between an interpolated row and its true car, m.
 const NEAR_M: f64 = 2.0;
 
 /// The scores of a clip's tracks.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TrackScore {
-    /// The sequence for HOTA, CLEAR MOT and IDF1.
+    /// True and estimated positions on the ground: the input of HOTA, CLEAR MOT and IDF1.
     pub sequence: Sequence,
-    /// The sequence after the one scale that fits the found positions best to the true ones. The size of a site's cars
-    /// is unknown, so its error is removed here.
+    /// True and estimated positions, after all estimated positions are multiplied by one scale factor. The factor is
+    /// the one that fits them best to the true positions.
+    ///
+    /// The factor removes a common error of scale. Such an error arises because the size of the cars at a site is
+    /// unknown.
     pub fitted: Sequence,
-    /// Number of vehicles that count in some frame.
+    /// Number of different vehicles that are visible enough ([`is_seen`]) in at least one frame.
     pub vehicles: usize,
-    /// Number of vehicles that count, counted per frame.
+    /// Number of vehicles that are visible enough ([`is_seen`]), summed over all frames.
     pub true_cars: usize,
-    /// Position errors of the vehicles that are paired with a row by the overlap of their boxes.
+    /// Position errors of all pairs of a vehicle and a row. In each frame, vehicles and rows are paired by the overlap
+    /// of their boxes.
     pub positions: Vec<PositionError>,
-    /// For the same vehicles: true distance (m), and the errors in x and y in units of the row's sd.
+    /// True distance (m) and normalised errors of each pair of a vehicle and a row. The errors in x and y are divided
+    /// by the row's standard deviations.
     pub whitened: Vec<(f64, [f64; 2])>,
-    /// For the same vehicles: speed and heading errors.
+    /// Speed and heading errors of each pair of a vehicle and a row.
     pub motions: Vec<MotionError>,
-    /// For each parked car: root mean square step from frame to frame, m.
+    /// Jitter of the parked cars: the root mean square displacement between consecutive frames, m. Each unbroken part
+    /// of a track has one value.
     pub jitters_m: Vec<f64>,
 }
 
-/// Scores the rows of `tracks.*`. `analysed` decides by frame and time (s) whether a frame was processed.
+/// Scores the rows of `tracks.*` against the truth. `analysed` returns whether a frame was processed, given its number
+/// and time (s).
 ///
-/// Two kinds of rows are left out: rows on a true car of which too little is visible (see [`is_seen`]), and filled-in
-/// rows without a true car nearby. Truth does not list hidden cars, and rows are filled in while a car is hidden.
+/// The fields `sequence` and `fitted` of the result leave out two kinds of rows. The first kind belongs to a true car
+/// that is hardly visible (see [`is_seen`]). The second kind is interpolated, and has no true car nearby. Such rows are
+/// no false alarms: the truth lacks hidden cars, but their tracks continue with interpolated rows.
 #[must_use]
 pub fn score_tracks(truth: &Truth, rows: &[TrackRow], analysed: impl Fn(u64, f64) -> bool) -> TrackScore {
     let mut of_frame: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
@@ -49,7 +57,7 @@ pub fn score_tracks(truth: &Truth, rows: &[TrackRow], analysed: impl Fn(u64, f64
     }
     let parked = always_parked(truth);
     let mut score = TrackScore::default();
-    // Positions of parked cars in consecutive frames of one track.
+    // Positions of the rows of each parked car, by the id of the car.
     let mut parked_positions: BTreeMap<u64, Vec<ParkedPosition>> = BTreeMap::new();
     let (mut positions, mut ids_with_row) = (Vec::new(), BTreeSet::new());
     let mut frames: Vec<GroundFrame> = Vec::new();
@@ -96,7 +104,7 @@ pub fn score_tracks(truth: &Truth, rows: &[TrackRow], analysed: impl Fn(u64, f64
     score
 }
 
-/// True and found positions of a frame that count, with the ids of vehicle and track.
+/// True and estimated positions of one frame (m), with the ids of their vehicles and tracks.
 struct GroundFrame {
     truth: Vec<(u64, Vector2<f64>)>,
     found: Vec<(u64, Vector2<f64>)>,
@@ -109,11 +117,11 @@ impl GroundFrame {
     }
 }
 
-/// Returns the least-squares scale about the camera's foot point that takes found positions to the true ones. Gross
-/// errors are left out.
+/// Returns the scale factor that fits the estimated positions best to the true ones, by least squares. The centre of
+/// the scale is the camera's foot point. Positions with gross errors are left out.
 fn scale_of(positions: &[(Option<Vector2<f64>>, Vector2<f64>)]) -> f64 {
     let mut scale = 1.0;
-    // The first rounds allow for the usual error of scales, the last ones do not.
+    // The first rounds allow for the usual error of the scale. The last rounds do not.
     for share in [0.2, 0.1, 0.0, 0.0] {
         let (mut products, mut squares) = (0.0, 0.0);
         for (found, truth) in positions.iter().filter_map(|(found, truth)| Some(((*found)?, truth))) {
@@ -129,9 +137,9 @@ fn scale_of(positions: &[(Option<Vector2<f64>>, Vector2<f64>)]) -> f64 {
     scale
 }
 
-/// The position of a parked car's track in a frame.
+/// The position of a parked car's row in one frame.
 struct ParkedPosition {
-    /// Index among the processed frames.
+    /// Index of the frame among the processed frames.
     index: usize,
     track: u64,
     position: Vector2<f64>,
@@ -152,7 +160,8 @@ fn always_parked(truth: &Truth) -> BTreeSet<u64> {
     cars().map(|car| car.id).filter(|id| !moved.contains(id)).collect()
 }
 
-/// Returns the rows that count: see [`score_tracks`]. The boxes in the picture decide which car a row belongs to.
+/// Returns the rows of a frame that [`score_tracks`] puts into its sequences. The car of a row is the true car that
+/// overlaps the row's box in the picture.
 fn kept_rows<'a>(
     rows: &[&'a TrackRow],
     cars: &[TrueCar],
@@ -174,7 +183,7 @@ mod tests {
     use crate::truth::fixture::lot;
     use crate::{clear::Clear, hota::HotaCounts};
 
-    /// Returns rows with true values, shifted `dx` m to the right.
+    /// Returns rows with the true positions shifted by `dx` m to the right.
     fn rows(truth: &Truth, dx: f64) -> Vec<TrackRow> {
         let row = |frame: &crate::truth::TrueFrame, car: &TrueCar| TrackRow {
             x_m: true_position(car).x + dx,
@@ -197,14 +206,15 @@ mod tests {
         rows[6].y_m += 0.2;
         let score = score_tracks(&truth, &rows, |_, _| true);
         assert_eq!((score.true_cars, score.positions.len(), score.vehicles), (12, 12, 3));
-        // sds are 0.1 m.
+        // The standard deviations are 0.1 m.
         assert!((score.whitened[0].1[0] - 3.0).abs() < 1e-6 && score.whitened[0].1[1].abs() < 1e-6);
         assert!((score.positions[0].error_m - 0.3).abs() < 1e-9);
         assert!(score.motions.iter().all(|m| (m.speed_mps - 0.25).abs() < 1e-9 && m.heading_rad < 1e-9));
         assert_eq!(score.jitters_m.len(), 2, "the passing car is not parked");
         assert!((score.jitters_m[0] - (0.08f64 / 3.0).sqrt()).abs() < 1e-9 && score.jitters_m[1] < 1e-9);
         assert!((Clear::of(&score.sequence).mota() - 1.0).abs() < 1e-12);
-        // 0.3 m of 4 m is a similarity of 0.925, which passes 18 of 19 thresholds; so does that of 0.36 m.
+        // An error of 0.3 m is a similarity of 0.925, which passes 18 of 19 thresholds. An error of 0.36 m passes the
+        // same thresholds.
         assert!((HotaCounts::of(&score.sequence).score().ass_a - 18.0 / 19.0).abs() < 1e-12);
     }
 
@@ -220,7 +230,7 @@ mod tests {
         let score = score_tracks(&truth, &rows, |_, _| true);
         let hota = |sequence| HotaCounts::of(sequence).score().hota;
         assert!(hota(&score.sequence) < 0.6, "{}", hota(&score.sequence));
-        // That row is a miss and a false alarm, so 11 of 13 remain.
+        // The distant row is a miss and a false alarm, so 11 of 13 objects remain.
         assert!(hota(&score.fitted) > 0.84, "{}", hota(&score.fitted));
     }
 
@@ -231,7 +241,7 @@ mod tests {
         for frame in &mut truth.frames {
             frame.cars[1].visible_share = 0.2;
         }
-        // A filled-in row far from all true cars does not count. The same row as an observation is a false alarm.
+        // An interpolated row far from all true cars is left out. The same row marked as observed is a false alarm.
         let bbox_px = [1.0, 1.0, 30.0, 20.0];
         let mut filled = TrackRow { track: 9, x_m: 30.0, bbox_px, observed: false, ..rows[0].clone() };
         rows.push(filled.clone());

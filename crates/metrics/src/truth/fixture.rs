@@ -9,8 +9,8 @@ use roadplane_base::{
 
 use super::{Kind, Model, TRUTH_SCHEMA, TrueCamera, TrueCar, TrueFrame, TruePlane, Truth};
 
-/// Returns three mean cars in view of a camera 6 m up. Cars 0 and 1 are parked 15 and 30 m ahead, and car 2 passes at 5
-/// m/s 22 m ahead.
+/// Returns the truth of a clip with three cars of the mean shape and a camera 6 m above the ground. Cars 0 and 1 are
+/// parked 15 and 30 m ahead. Car 2 passes 22 m ahead at 5 m/s.
 pub fn lot(frames: u64) -> Truth {
     let atlas = ShapeAtlas::shipped().unwrap();
     let plane = GroundPlane::from_tilt_roll_height(0.3, 0.0, 6.0);

@@ -1,4 +1,4 @@
-//! Reads and checks truth files. A wrong truth would make all scores wrong.
+//! Reads and checks truth files. An error in the truth would make all scores wrong.
 
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -11,13 +11,13 @@ use super::{DATASET_SCHEMA, Dataset, Rows, TRUTH_SCHEMA, Truth};
 use crate::MetricsError;
 use crate::text_file::read_text;
 
-/// Tolerance for rounded rotations and planes.
+/// Tolerance of the checks of rotations and planes, whose values are rounded in files.
 const ROUNDING: f64 = 1e-4;
 
-/// Reads the list of a data set from its folder. The items of the result are paths that can be opened.
+/// Reads `dataset.json` from the folder of a data set. Paths of items in the result include the folder.
 ///
 /// # Errors
-/// [`MetricsError::Unreadable`], or [`MetricsError::Malformed`] with the field.
+/// [`MetricsError::Unreadable`], or [`MetricsError::Malformed`], which names the field.
 pub fn read_dataset(folder: &Path) -> Result<Dataset, MetricsError> {
     let path = folder.join("dataset.json");
     let mut dataset: Dataset = parse(&path)?;
@@ -39,10 +39,10 @@ pub fn read_dataset(folder: &Path) -> Result<Dataset, MetricsError> {
     Ok(dataset)
 }
 
-/// Reads one truth file, gzipped or not. `media` of the result is a path that can be opened.
+/// Reads one truth file, gzipped or not. The path `media` in the result includes the folder of the file.
 ///
 /// # Errors
-/// [`MetricsError::Unreadable`], or [`MetricsError::Malformed`] with the field.
+/// [`MetricsError::Unreadable`], or [`MetricsError::Malformed`], which names the field.
 pub fn read_truth(path: &Path) -> Result<Truth, MetricsError> {
     let mut truth: Truth = parse(path)?;
     check(&truth).map_err(|what| MetricsError::malformed(path, what))?;
@@ -71,7 +71,7 @@ fn check(truth: &Truth) -> Result<(), String> {
         return fail("camera.height_m", "must be positive");
     }
     rigid(&camera.camera_from_world).map_err(|what| format!("camera.camera_from_world: {what}"))?;
-    // The file gives the same plane three times, and the three must agree.
+    // The file describes the same plane three times, and the three descriptions must agree.
     let plane = camera.plane();
     let same_angle = |a: f64, b: f64| (a - b).abs() < ROUNDING;
     if !same_angle(plane.tilt(), camera.tilt_rad) || !same_angle(plane.roll(), camera.roll_rad) {
@@ -123,7 +123,7 @@ fn check(truth: &Truth) -> Result<(), String> {
     Ok(())
 }
 
-/// Checks that rows are a rotation and a translation.
+/// Checks that a 4 × 4 matrix consists of a rotation and a translation.
 fn rigid(rows: &Rows) -> Result<(), &'static str> {
     let r = Matrix3::from_fn(|i, j| rows[i][j]);
     let last = rows[3].iter().zip([0.0, 0.0, 0.0, 1.0]).all(|(a, b)| (a - b).abs() < 1e-9);
@@ -144,7 +144,8 @@ mod tests {
     use serde_json::{Value, json};
     use std::io::Read as _;
 
-    /// Returns a truth file with one car, 10 m ahead of a camera 5 m up that is tilted by 0.3 rad.
+    /// Returns a truth file with one car. The car is 10 m ahead of a camera that is 5 m above the ground and tilted by
+    /// 0.3 rad.
     fn truth() -> Value {
         let plane = roadplane_base::GroundPlane::from_tilt_roll_height(0.3, 0.05, 5.0);
         let rows = roadplane_base::rows_from_isometry(&plane.camera_from_world());

@@ -11,14 +11,15 @@ use crate::text_file::read_text;
 /// Camera 2 of a KITTI recording.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct KittiCamera {
-    /// The pinhole camera.
+    /// The camera, a pinhole camera without distortion.
     pub camera: Camera,
-    /// Origin of the rectified camera 0 in camera 2's frame, m: `K⁻¹` times the last column of `P2`.
+    /// Position of the rectified camera 0 in camera 2's frame, m. It is `K⁻¹` times the last column of the projection
+    /// `P2`, where K is the matrix of the pinhole camera.
     pub shift_m: Vector3<f64>,
 }
 
 impl KittiCamera {
-    /// Returns the camera with the given focal length and principal point (px) and shift (m).
+    /// Creates a camera from its focal length (px), principal point (px) and shift (m).
     #[must_use]
     pub fn new(focal_px: f64, principal_point_px: [f64; 2], shift_m: Vector3<f64>) -> Self {
         Self { camera: Camera::pinhole(focal_px, Vector2::from(principal_point_px)), shift_m }
@@ -28,7 +29,8 @@ impl KittiCamera {
 /// Reads the line `P2:` (12 numbers, row by row) of a calibration file.
 ///
 /// # Errors
-/// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`] without a valid `P2` with square pixels.
+/// [`MetricsError::Unreadable`]; [`MetricsError::Malformed`] if `P2` is missing or not valid, or if its pixels are not
+/// square.
 pub fn read_calib(path: &Path) -> Result<KittiCamera, MetricsError> {
     let text = read_text(path)?;
     let fail = |what: &str| MetricsError::malformed(path, format!("P2: {what}"));
@@ -54,7 +56,7 @@ mod tests {
     use super::*;
     use nalgebra::{Matrix3x4, Vector4};
 
-    /// A projection like the benchmark's, with numbers of our own: camera 2 is 6 cm to the left of camera 0.
+    /// A projection like those of the benchmark, with invented numbers. Camera 2 is 6 cm to the left of camera 0.
     const P2: &str =
         "7.2e+02 0.0e+00 6.1e+02 4.503e+01 0.0e+00 7.2e+02 1.7e+02 2.31e-01 0.0e+00 0.0e+00 1.0e+00 3.0e-03";
 

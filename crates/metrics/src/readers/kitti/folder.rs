@@ -5,27 +5,27 @@ use std::path::{Path, PathBuf};
 use super::{KittiCamera, KittiObject, read_calib, read_objects};
 use crate::MetricsError;
 
-/// One labelled image.
+/// One labelled image of the KITTI object benchmark.
 #[derive(Clone, Debug, PartialEq)]
 pub struct KittiItem {
-    /// Name of the image, `NNNNNN`.
+    /// Name of the image without its extension, `NNNNNN`.
     pub name: String,
     /// Path of the image.
     pub image: PathBuf,
-    /// Its camera.
+    /// Camera of the image.
     pub camera: KittiCamera,
-    /// Its labelled objects.
+    /// Labelled objects of the image.
     pub objects: Vec<KittiObject>,
 }
 
 /// Returns the labelled images with at least `min_vehicles` vehicles, sorted by name.
 ///
-/// The folder contains `image_2/`, `label_2/` and `calib/`, or a folder `training/` with them. The paper's Table 3
-/// takes images with more than three vehicles, so `min_vehicles` is 4 there.
+/// The folder contains `image_2/`, `label_2/` and `calib/`, or has a folder `training/` that contains them. For Table 3
+/// of Li et al., *Car Pose in Context*, `min_vehicles` is 4: the paper uses images with more than three vehicles.
 ///
 /// # Errors
-/// [`MetricsError::Unreadable`] or [`MetricsError::Malformed`] for a file; [`MetricsError::Unsuitable`] if no image is
-/// left.
+/// [`MetricsError::Unreadable`] or [`MetricsError::Malformed`] for a file; [`MetricsError::Unsuitable`] if no image has
+/// enough vehicles.
 pub fn object_items(folder: &Path, min_vehicles: usize) -> Result<Vec<KittiItem>, MetricsError> {
     let training = folder.join("training");
     let root = if training.is_dir() { training } else { folder.to_path_buf() };
