@@ -2,12 +2,12 @@
 
 use pathfinding::{kuhn_munkres::kuhn_munkres_min, matrix::Matrix};
 
-/// Step to which costs are rounded, so that rounding errors of sums do not change the result.
+/// Step to which costs are rounded. Without it, floating-point errors of sums could change the result.
 const STEP: f64 = 1e-6;
 
-/// Returns a column (or none) for each row, so that the sum of costs is least.
+/// Returns a column or `None` for each row. The sum of all costs is the smallest possible.
 ///
-/// An unassigned row costs `alone`. A pair is never made if its cost is infinite, NaN or not below `alone`.
+/// An unassigned row costs `alone`. A row gets no column whose cost is infinite, NaN or not below `alone`.
 /// `cost(row, column)` and `alone` should be of the order of 1.
 #[must_use]
 pub fn assign(
@@ -20,7 +20,8 @@ pub fn assign(
         return vec![None; rows];
     }
     let price = |value: f64| (value.clamp(-1e9, 1e9) / STEP).round() as i64;
-    // Each row gets one more column, which leaves it unassigned. A forbidden pair costs more than no pairs at all.
+    // One additional column per row means that the row stays unassigned. A forbidden pair costs more than if all rows
+    // stay unassigned.
     let forbidden = price(alone).saturating_add(1).saturating_mul(rows as i64 + 1);
     let costs = Matrix::from_fn(rows, columns + rows, |(row, column)| {
         let value = if column < columns { cost(row, column) } else { alone };
@@ -36,7 +37,7 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    /// Returns the least total cost, by trying all assignments.
+    /// Returns the smallest total cost, found by trying all assignments.
     fn exhaustive(row: usize, used: &mut Vec<bool>, alone: f64, costs: &[Vec<f64>]) -> f64 {
         let Some(own) = costs.get(row) else { return 0.0 };
         let mut best = alone + exhaustive(row + 1, used, alone, costs);

@@ -1,4 +1,7 @@
-//! The statistical shape atlas: `X = X̄ + Σ_j λ_j V_j` (paper §3.1), metric, in the car frame.
+//! The statistical shape atlas of cars, in metres and in the car frame (Li et al., *Car Pose in Context*, §3.1).
+//!
+//! The keypoints of a car are `X = X̄ + Σ_j λ_j V_j`. X̄ is the mean car, V_j is shape mode j, and λ_j is its
+//! coefficient.
 
 use nalgebra::{SMatrix, SVector, Vector3};
 use serde::Deserialize;
@@ -6,19 +9,23 @@ use thiserror::Error;
 
 use crate::KEYPOINTS;
 
-/// Number of shape modes (the paper's m).
+/// Number of shape modes. Each mode is one direction in which the shapes of cars vary.
 pub const MODES: usize = 6;
 
-/// Number of fine modes, which follow the first [`MODES`].
+/// Number of fine modes: additional shape modes after the first [`MODES`] modes.
 pub const FINE_MODES: usize = 6;
 
-/// Number of all modes.
+/// Number of all modes: the first modes and the fine modes.
 pub const ALL_MODES: usize = MODES + FINE_MODES;
 
-/// Shape coefficients λ of the first modes, in standard deviations of the car population; their prior is N(0, I).
+/// Shape coefficients λ of the first [`MODES`] modes, each in units of its standard deviation over all cars.
+///
+/// Their prior is N(0, I).
 pub type Shape = SVector<f64, MODES>;
 
-/// Shape coefficients of all modes, the fine ones last, in standard deviations of the car population.
+/// Shape coefficients λ of all modes, each in units of its standard deviation over all cars.
+///
+/// The coefficients of the fine modes come last.
 pub type FullShape = SVector<f64, ALL_MODES>;
 
 /// Schema id of the atlas files that this code reads.
@@ -27,25 +34,25 @@ pub const ATLAS_SCHEMA: &str = "roadplane.atlas/3";
 /// An error in an atlas file.
 #[derive(Debug, Error)]
 pub enum AtlasError {
-    /// Not JSON of the expected form.
+    /// The file is not JSON of the expected form.
     #[error("shape atlas: {0}")]
     Malformed(#[from] serde_json::Error),
-    /// Another schema, a wrong number of entries or an impossible value.
+    /// The file has another schema, a wrong number of entries or an impossible value.
     #[error("shape atlas: {what}")]
     Unsuitable {
-        /// The problem, as a text for the user.
+        /// Description of the problem, for the user.
         what: String,
     },
 }
 
 /// A body type, such as sedan or van, with the normal distribution of its shape coefficients.
 ///
-/// Traffic is a mixture of body types. Cars of one type vary less than all cars together.
+/// Traffic is a mixture of body types. Cars of one body type vary less than all cars together.
 #[derive(Clone, Debug)]
 pub struct BodyType {
     /// Name of the body type.
     pub name: String,
-    /// Share of traffic, above 0.
+    /// Share of this body type among all cars in traffic, above 0.
     pub share: f64,
     /// Mean of the shape coefficients.
     pub mean: FullShape,
@@ -56,7 +63,7 @@ pub struct BodyType {
 /// The mean car and its modes of variation, in the car frame and in metres.
 #[derive(Clone, Debug)]
 pub struct ShapeAtlas {
-    /// Version of the data.
+    /// Version of the atlas data.
     pub version: String,
     /// Keypoints of the mean car, m.
     pub mean: [Vector3<f64>; KEYPOINTS],
@@ -68,13 +75,15 @@ pub struct ShapeAtlas {
     pub dims_mean: Vector3<f64>,
     /// Change of length, width and height with each mode, m per standard deviation.
     pub dims_modes: [Vector3<f64>; MODES],
-    /// Residual that the first modes do not explain: sd per keypoint and axis, m.
+    /// Sd of the deviation of real cars from the first [`MODES`] modes, per keypoint and axis, m.
     pub residual_sd_m: [Vector3<f64>; KEYPOINTS],
-    /// The fine modes, which explain most of that residual; m per standard deviation.
+    /// Change of each keypoint with each fine mode, m per standard deviation.
+    ///
+    /// The fine modes explain most of the deviation whose sd is `residual_sd_m`.
     pub fine_modes: [[Vector3<f64>; KEYPOINTS]; FINE_MODES],
-    /// Residual that all modes together do not explain: sd per keypoint and axis, m.
+    /// Sd of the deviation of real cars from all modes together, per keypoint and axis, m.
     pub fine_residual_sd_m: [Vector3<f64>; KEYPOINTS],
-    /// Body types of which traffic is a mixture.
+    /// Body types in traffic, each with its share.
     pub body_types: Vec<BodyType>,
 }
 
@@ -105,7 +114,7 @@ impl ShapeAtlas {
     /// Returns the atlas that the project ships.
     ///
     /// # Errors
-    /// Returns an error only if the committed file is broken, which a test excludes.
+    /// Returns an error only if the file in the repository is broken. A test checks this file.
     pub fn shipped() -> Result<Self, AtlasError> {
         Self::from_json(include_str!("../../../models/atlas.json"))
     }
@@ -143,7 +152,7 @@ impl ShapeAtlas {
         Ok(atlas)
     }
 
-    /// Returns the position of one keypoint of a car of this shape, car frame, m.
+    /// Returns the position of one keypoint for the given shape, in the car frame, m.
     #[must_use]
     pub fn keypoint_in_car(&self, index: usize, shape: &Shape) -> Vector3<f64> {
         let mut point = self.mean[index];
@@ -153,26 +162,26 @@ impl ShapeAtlas {
         point
     }
 
-    /// Returns the positions of all keypoints of a car of this shape, car frame, m.
+    /// Returns the positions of all keypoints for the given shape, in the car frame, m.
     #[must_use]
     pub fn keypoints_in_car(&self, shape: &Shape) -> [Vector3<f64>; KEYPOINTS] {
         std::array::from_fn(|i| self.keypoint_in_car(i, shape))
     }
 
-    /// Returns the position of one keypoint for coefficients of all modes, car frame, m.
+    /// Returns the position of one keypoint for the given coefficients of all modes, in the car frame, m.
     #[must_use]
     pub fn keypoint_of_all_modes(&self, index: usize, shape: &FullShape) -> Vector3<f64> {
         let modes = self.modes.iter().chain(&self.fine_modes);
         modes.zip(shape.iter()).fold(self.mean[index], |point, (mode, c)| point + mode[index] * *c)
     }
 
-    /// Returns length, width (without mirrors) and height of a car of this shape, m.
+    /// Returns the length, width (without mirrors) and height of a car with the given shape, m.
     #[must_use]
     pub fn dims_m(&self, shape: &Shape) -> Vector3<f64> {
         self.dims_modes.iter().zip(shape.iter()).fold(self.dims_mean, |dims, (mode, c)| dims + mode * *c)
     }
 
-    /// Returns the shape with every coefficient clamped to its bounds.
+    /// Returns the shape with every coefficient limited to the range in `bounds`.
     #[must_use]
     pub fn clamped(&self, shape: &Shape) -> Shape {
         Shape::from_fn(|j, _| shape[j].clamp(self.bounds[j][0], self.bounds[j][1]))

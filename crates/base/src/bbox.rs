@@ -1,4 +1,4 @@
-//! Functions of boxes in the image. A box is `[left, top, right, bottom]`, px.
+//! Geometry of boxes in the image. A box is `[left, top, right, bottom]`, px.
 
 use nalgebra::Vector2;
 
@@ -21,16 +21,17 @@ pub fn bbox_around(a: &[f64; 4], b: &[f64; 4]) -> [f64; 4] {
     [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])]
 }
 
-/// Returns the share of a box that lies inside another box, 0–1; 0 if it has no area.
+/// Returns the share of `bbox` that lies inside `outer`, 0–1. The share is 0 if `bbox` has no area.
 #[must_use]
 pub fn bbox_share_inside(bbox: &[f64; 4], outer: &[f64; 4]) -> f64 {
     intersection(bbox, outer) / area(bbox).max(1e-9)
 }
 
-/// Returns the visible part of a vehicle's whole box.
+/// Returns the part of a vehicle's whole box in which the vehicle is visible.
 ///
-/// `hidden` marks the edges (left, top, right, bottom) of the visible box at which something in front hides the
-/// vehicle.
+/// `whole_px` is the box of the whole vehicle, and `seen_px` is the box of its visible part. `hidden` marks the edges
+/// of `seen_px` (left, top, right, bottom) at which another object hides the vehicle. At these edges, the whole box is
+/// cut off at `seen_px`.
 #[must_use]
 pub fn bbox_part_seen(whole_px: &[f64; 4], seen_px: &[f64; 4], hidden: [bool; 4]) -> [f64; 4] {
     std::array::from_fn(|i| match (hidden[i], i < 2) {
@@ -40,7 +41,7 @@ pub fn bbox_part_seen(whole_px: &[f64; 4], seen_px: &[f64; 4], hidden: [bool; 4]
     })
 }
 
-/// Returns the intersection over union of two boxes, 0–1; 0 if a box has no area.
+/// Returns the intersection over union of two boxes, 0–1. The result is 0 if a box has no area.
 #[must_use]
 pub fn bbox_iou(a: &[f64; 4], b: &[f64; 4]) -> f64 {
     let common = intersection(a, b);
@@ -48,7 +49,7 @@ pub fn bbox_iou(a: &[f64; 4], b: &[f64; 4]) -> f64 {
     if union > 0.0 { common / union } else { 0.0 }
 }
 
-/// Returns the share of the smaller box that lies inside the other, 0–1; 0 if a box has no area.
+/// Returns the share of the smaller box that lies inside the larger box, 0–1. The share is 0 if a box has no area.
 #[must_use]
 pub fn bbox_covered(a: &[f64; 4], b: &[f64; 4]) -> f64 {
     let smaller = area(a).min(area(b));

@@ -4,21 +4,26 @@ use nalgebra::{Vector2, Vector3};
 
 use crate::{ImageSize, Lens};
 
-/// A camera: `pixel = principal_point + lens(focal · (X/Z, Y/Z))` for a point (X, Y, Z) in the camera frame.
+/// A pinhole camera with radial lens distortion.
+///
+/// A point (X, Y, Z) of the camera frame has the pixel `principal_point + lens(focal · (X/Z, Y/Z))`. The function
+/// `lens` is [`Lens::distorted`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
     /// Focal length, px.
     pub focal_px: f64,
-    /// Principal point, px; also the centre of the lens distortion.
+    /// Principal point, px. It is also the centre of the lens distortion.
     pub principal_point_px: Vector2<f64>,
     /// Radial distortion of the lens.
     pub lens: Lens,
 }
 
 impl Camera {
-    /// Prior sd of each principal point coordinate about the image's middle, as a share of the image's width.
+    /// Prior sd of each coordinate of the principal point, as a share of the image's width. The prior mean is the
+    /// image's middle.
     ///
-    /// 1.5 % is the scatter of calibrated surveillance cameras that are not cropped (MEVA, TUMTraf).
+    /// The value of 1.5 % is the scatter of calibrated surveillance cameras whose images are not cropped (data sets
+    /// MEVA and TUMTraf).
     pub const PRINCIPAL_POINT_SD: f64 = 0.015;
 
     /// Creates a camera without distortion.
@@ -33,7 +38,9 @@ impl Camera {
         Self::pinhole(focal_px, size.centre_px())
     }
 
-    /// Returns the pixel of a point in the camera frame; `None` at or behind the camera (z ≤ 1 mm).
+    /// Returns the pixel of a point in the camera frame.
+    ///
+    /// Returns `None` if the point is not in front of the camera (z ≤ 1 mm).
     #[must_use]
     pub fn pixel_from_camera(&self, point_in_camera: &Vector3<f64>) -> Option<Vector2<f64>> {
         (point_in_camera.z > 1e-3).then(|| {

@@ -1,28 +1,28 @@
-//! The prior on a camera, and a test whether evidence determines a parameter better than the prior.
+//! The prior on a camera's parameters, and a test that compares evidence with the prior.
 
 use nalgebra::{Matrix4, Vector4};
 
 use crate::{CameraParams, ImageSize};
 
-/// The prior on a surveillance camera: independent Gaussians, where an infinite sd means no prior.
+/// The prior on a surveillance camera: independent Gaussians. An infinite sd means that the parameter has no prior.
 ///
-/// Default: the focal length is log-normal around 1.2 × the longer image side, sd 0.6. Tilt is 25° ± 20° and roll is
-/// 0° ± 6°. The height is log-normal around 7 m, sd 0.8.
+/// By default, the focal length has a median of 1.2 × the longer image side, and its logarithm has an sd of 0.6. The
+/// height has a median of 7 m, and its logarithm has an sd of 0.8. Tilt is 25° ± 20° and roll is 0° ± 6° (mean ± sd).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraPrior {
     /// Median focal length in units of the longer image side.
     pub focal_ratio: f64,
-    /// sd of the logarithm of the focal length.
+    /// Sd of the logarithm of the focal length.
     pub log_focal_sd: f64,
     /// Mean tilt, rad.
     pub tilt: f64,
-    /// sd of tilt, rad.
+    /// Sd of tilt, rad.
     pub tilt_sd: f64,
-    /// sd of roll, rad; its mean is 0.
+    /// Sd of roll, rad. The mean of roll is 0.
     pub roll_sd: f64,
     /// Median height, m.
     pub height_m: f64,
-    /// sd of the logarithm of the height.
+    /// Sd of the logarithm of the height.
     pub log_height_sd: f64,
 }
 
@@ -48,7 +48,7 @@ impl CameraPrior {
         Self { log_focal_sd: none, tilt_sd: none, roll_sd: none, log_height_sd: none, ..Self::default() }
     }
 
-    /// Returns the mean of (log f, tilt, roll, log h) for an image of this size.
+    /// Returns the prior mean of the camera parameters for an image of this size.
     #[must_use]
     pub fn mean(&self, size: ImageSize) -> CameraParams {
         let longer = f64::from(size.width.max(size.height).max(1));
@@ -60,23 +60,23 @@ impl CameraPrior {
         }
     }
 
-    /// Returns the sd of (log f, tilt, roll, log h).
+    /// Returns the prior sds of (log focal, tilt, roll, log height).
     #[must_use]
     pub fn sd(&self) -> Vector4<f64> {
         Vector4::new(self.log_focal_sd, self.tilt_sd, self.roll_sd, self.log_height_sd)
     }
 
-    /// Returns the information (1/sd²) on (log f, tilt, roll, log h).
+    /// Returns the prior information (1/sd²) on (log focal, tilt, roll, log height).
     #[must_use]
     pub fn information(&self) -> Vector4<f64> {
         self.sd().map(|sd| 1.0 / (sd * sd))
     }
 }
 
-/// Whether evidence on (log f, tilt, roll, log h) determines parameter `number` better than its prior.
+/// Whether the evidence determines parameter `number` better than the prior of that parameter does.
 ///
-/// `evidence` is an information matrix and `prior` holds 1/sd² of each parameter. The other parameters keep their
-/// priors. A focal length that is not determined rests on the prior.
+/// The parameters are (log focal, tilt, roll, log height). `evidence` is their information matrix (inverse covariance),
+/// and `prior` contains the 1/sd² of each prior. The other parameters keep their priors in this test.
 #[must_use]
 pub fn is_determined(number: usize, evidence: &Matrix4<f64>, prior: &Vector4<f64>) -> bool {
     let mut others = *prior;
@@ -96,7 +96,8 @@ mod tests {
         assert!(!is_determined(0, &Matrix4::zeros(), &prior));
         assert!(is_determined(0, &Matrix4::from_diagonal(&Vector4::new(5.0, 0.0, 0.0, 0.0)), &prior));
         assert!(!is_determined(0, &Matrix4::from_diagonal(&Vector4::new(3.0, 9e9, 9e9, 9e9)), &prior));
-        // Evidence on the sum of two parameters determines one as well as the other's prior does.
+        // With evidence on the sum of two parameters, each parameter is determined as well as the prior determines the
+        // other.
         let direction = Vector4::new(1.0, 1.0, 0.0, 0.0) * 1e6;
         let sum = direction * direction.transpose();
         assert!(is_determined(0, &sum, &prior) && !is_determined(1, &sum, &prior));

@@ -1,4 +1,4 @@
-//! Evidence of one clip on its camera: the record from which the camera database is built.
+//! Information that one clip gives on its camera. The camera database consists of such records.
 
 use nalgebra::{Matrix4, Matrix4x5, Vector4};
 use serde::{Deserialize, Deserializer, Serialize};
@@ -8,16 +8,17 @@ use crate::{CameraParams, ImageSize, JointInformation, KEYPOINTS, Lens, RecordEr
 /// Schema id of an evidence file.
 pub const EVIDENCE_SCHEMA: &str = "roadplane.evidence/1";
 
-/// Evidence of a clip, or of its last camera position, on the camera.
+/// Information that one clip gives on its camera.
 ///
-/// It contains no prior and no other clip's evidence. So any set of these records can be joined, in any order.
+/// If the camera was moved during the clip, the record describes only the last camera position. The record contains no
+/// prior and no information from other clips. Therefore the records of several clips can be combined in any order.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CameraEvidence {
-    /// Schema id, [`EVIDENCE_SCHEMA`].
+    /// Schema id, which must be [`EVIDENCE_SCHEMA`].
     pub schema: String,
     /// Name of the camera.
     pub camera: String,
-    /// The clip that gave the evidence.
+    /// Clip from which the information comes.
     pub clip: ClipIdentity,
     /// Names and sha256 of the nets that found the vehicles and keypoints.
     pub models: Vec<String>,
@@ -29,30 +30,33 @@ pub struct CameraEvidence {
     pub frames: usize,
     /// Estimate of (log focal, tilt, roll, log height) from the vehicles' keypoints alone.
     pub params: [f64; 4],
-    /// Information (inverse covariance) on `params`; singular where the clip determines nothing.
+    /// Information matrix (inverse covariance) of `params`. It is singular if the clip leaves some parameters
+    /// undetermined.
     ///
-    /// The scene's mean car size, which all clips share, is not counted as an error here.
+    /// The matrix does not include the error of the scene's mean car size, because all clips share that error.
     pub information: [[f64; 4]; 4],
-    /// Cross information of `params` and the errors that all vehicles of a scene share ([`JointInformation::cross`]).
+    /// Cross information between `params` and the errors that all vehicles of a scene share
+    /// ([`JointInformation::cross`]).
     ///
-    /// Older files lack it, or have only the first of these errors.
+    /// Older files lack this field, or their rows are shorter. The missing entries are 0.
     #[serde(default, deserialize_with = "shared_errors")]
     pub shared: [[f64; SHARED_ERRORS]; 4],
-    /// Radial distortion and its sd, both 1/px²; absent if the picture did not show it.
+    /// Radial distortion and its sd, both 1/px². Absent if the picture did not show the distortion.
     #[serde(default)]
     pub lens: Option<(Lens, f64)>,
-    /// Stationary vehicles, which may be there another night as well.
+    /// Stationary vehicles. They may be in the same position in other clips.
     pub parked: Vec<ParkedCar>,
     /// Number of moving vehicles.
     pub moving: usize,
-    /// Background image of the scene, grey, as a PNG in base64.
+    /// Grey background image of the scene: a PNG file in base64.
     pub place: Option<String>,
 }
 
-/// Identity of a clip: its content and time of recording count, not its path.
+/// Identity of a clip: recording time, content and name, but not the folder.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub struct ClipIdentity {
-    /// Time of recording, `2026-01-31T23:59:59`: from the file's name, else its time of modification (UTC).
+    /// Time of recording, such as `2026-01-31T23:59:59`. It comes from the file's name, otherwise from the file's
+    /// modification time (UTC).
     pub recorded: String,
     /// sha256 of the file's content.
     pub sha256: String,
@@ -65,11 +69,11 @@ pub struct ClipIdentity {
 pub struct ParkedCar {
     /// Box: left, top, right, bottom, px.
     pub bbox_px: [f64; 4],
-    /// Keypoints, px; `None` if not visible.
+    /// Keypoints, px. An entry is `None` if the keypoint is not visible.
     pub keypoints_px: Vec<Option<[f64; 2]>>,
 }
 
-/// Reads the rows of `shared`. Files of older versions have fewer errors per row; the missing ones become 0.
+/// Reads the rows of `shared`. Files of older versions have fewer errors per row. The missing errors become 0.
 fn shared_errors<'de, D: Deserializer<'de>>(file: D) -> Result<[[f64; SHARED_ERRORS]; 4], D::Error> {
     let rows = <[Vec<f64>; 4]>::deserialize(file)?;
     if rows.iter().any(|row| row.len() > SHARED_ERRORS) {
@@ -87,7 +91,7 @@ impl CameraEvidence {
         CameraParams::from_vector(&Vector4::from(self.params))
     }
 
-    /// Returns the vehicles' information on the camera and on the errors that they share.
+    /// Returns the information on the camera parameters and on the errors that all vehicles share.
     #[must_use]
     pub fn joint(&self) -> JointInformation {
         let information = Matrix4::from_fn(|r, c| self.information[r][c]);

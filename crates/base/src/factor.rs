@@ -1,95 +1,102 @@
-//! Factors on the camera beside the cars: parameters given by the user, lengths on the ground, lines of the scene.
+//! Factors on the camera that do not come from cars: parameters given by the user, lengths on the ground, and lines of
+//! the scene.
 //!
-//! Each factor is a cost of (log f, tilt, roll, log h): minus its log likelihood. Every solve, and every join of
-//! solves, adds it to the cost of the cars. Pixels are relative to the principal point, without distortion.
+//! A factor is a cost as a function of the camera parameters (log focal, tilt, roll, log height). The cost is the
+//! negative log likelihood of a measurement. Every estimate of a camera adds the costs of its factors to the cost of
+//! the cars. Pixels are undistorted and relative to the principal point.
 
 use nalgebra::{Matrix2, Matrix4, SMatrix, Vector2, Vector3, Vector4};
 
 use crate::{Camera, CameraParams};
 
-/// A factor on the camera. Pixels are relative to the principal point, without distortion.
+/// A factor on the camera: one measurement, which adds a term to the cost of an estimate.
+///
+/// Pixels are undistorted and relative to the principal point.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Factor {
-    /// A measurement of one of (log focal in px, tilt in rad, roll in rad, log height in m).
+    /// A measurement of one camera parameter: log focal (px), tilt (rad), roll (rad) or log height (m).
     Number {
         /// Index of the parameter in [`CameraParams::to_vector`].
         which: usize,
         /// Measured value, in the parameter's unit.
         value: f64,
-        /// sd of the value, above 0.
+        /// Sd of the value, above 0.
         sd: f64,
     },
     /// A measurement of the inverse focal length, from the viewing rays of parallel cars.
     InverseFocal {
         /// One over the focal length, 1/px.
         per_px: f64,
-        /// sd of `per_px`, above 0, 1/px.
+        /// Sd of `per_px`, above 0, 1/px.
         sd: f64,
     },
-    /// An estimate of all four parameters, from a survey or another solve.
+    /// An estimate of all four camera parameters from another source, such as a survey.
     Camera {
-        /// Mean of (log f, tilt, roll, log h).
+        /// Mean of (log focal, tilt, roll, log height).
         mean: Vector4<f64>,
-        /// Inverse covariance; may be singular.
+        /// Inverse covariance of the estimate. It may be singular.
         information: Matrix4<f64>,
         /// Whether the height was estimated from cars of the same scene.
         ///
-        /// The covariance then leaves out the uncertainty of these cars' mean size.
+        /// If true, the covariance does not include the uncertainty of the mean size of these cars.
         by_cars: bool,
     },
     /// A known distance between two pixels on the ground.
     Length {
         /// Both ends, px.
         ends_px: [Vector2<f64>; 2],
-        /// sd of each pixel coordinate, px.
+        /// Sd of each coordinate of the ends, px.
         end_sd_px: f64,
         /// Length, m, above 0.
         length_m: f64,
-        /// sd of the length as a share of it.
+        /// Sd of the length, as a share of the length.
         log_sd: f64,
     },
     /// The vanishing point of the scene's vertical lines, such as masts and edges of houses.
     ///
-    /// In the image a vertical line has the direction `(sin roll, −cos roll) + inverse_distance · p` at the pixel p.
-    /// The road need not be level: its normal differs from the vertical by an angle of sd [`Factor::SLOPE_SD`], or of
-    /// [`Factor::STEEP_SD`] with probability [`Factor::STEEP_SHARE`].
+    /// At the pixel p, a vertical line has the image direction `(sin roll, −cos roll) + inverse_distance · p`. The road
+    /// need not be level. The angle between its normal and the vertical has the sd [`Factor::SLOPE_SD`]. For steep
+    /// roads, whose share is [`Factor::STEEP_SHARE`], the sd is [`Factor::STEEP_SD`].
     VerticalVanishingPoint {
-        /// One over the distance of the vanishing point from the principal point: tan(tilt) / focal, 1/px.
+        /// One over the distance between the vanishing point and the principal point, 1/px: tan(tilt) / focal length.
         inverse_distance: f64,
-        /// Clockwise turn of the horizon, rad.
+        /// Clockwise turn of the horizon in the image, rad.
         roll: f64,
         /// Covariance of (`inverse_distance`, `roll`).
         covariance: Matrix2<f64>,
     },
 }
 
-/// Gradient and Hessian of the cost of factors, for the normal equations of a step.
+/// Gradient and approximate Hessian of the cost of factors, for one Gauss–Newton step.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FactorTerms {
-    /// Gradient of the cost by (log f, tilt, roll, log h).
+    /// Gradient of the cost with respect to (log focal, tilt, roll, log height).
     pub gradient: Vector4<f64>,
     /// Gauss–Newton approximation of the Hessian.
     pub information: Matrix4<f64>,
 }
 
-/// Step of central differences, in log units and rad.
+/// Step of central differences: rad for angles, and without unit for logarithms.
 const STEP: f64 = 1e-5;
-/// Cost of a factor that cannot be evaluated at a camera (ground pixels above its horizon).
+/// Cost of a factor that cannot be evaluated for a camera, for example if its pixels lie above the camera's horizon.
 const IMPOSSIBLE: f64 = 1e3;
 
-/// One Gaussian component of a factor whose error is a mixture: its residual is N(0, covariance).
+/// One Gaussian component of a factor whose error distribution is a mixture.
+///
+/// The residual of the component has the distribution N(0, covariance).
 #[derive(Clone, Copy, Debug)]
 pub struct FactorComponent {
-    /// Prior probability, 0–1.
+    /// Prior probability of the component, 0–1.
     pub share: f64,
-    /// Measured value minus the camera's value, in the factor's units.
+    /// Measured value minus the value that the camera predicts, in the factor's units.
     pub residual: Vector2<f64>,
     /// Covariance of the residual.
     pub covariance: Matrix2<f64>,
 }
 
 impl FactorComponent {
-    /// Returns the residual's density times `share`, up to a constant, and the information on the residual.
+    /// Returns the density of the residual times `share`, up to a constant factor, and the inverse covariance of the
+    /// residual.
     ///
     /// Returns `None` if the covariance is singular.
     #[must_use]
@@ -100,43 +107,43 @@ impl FactorComponent {
     }
 }
 
-/// Residual and cost of a factor at a camera.
+/// Residual and cost of a factor for given camera parameters.
 struct Misfit {
-    /// Residual in the factor's own units; the second entry is 0 for factors of one number.
+    /// Residual, in sds or in the factor's units. The second entry is 0 for a factor with one residual.
     residual: Vector2<f64>,
-    /// Information on the residual.
+    /// Inverse covariance of the residual.
     weight: Matrix2<f64>,
     cost: f64,
 }
 
 impl Misfit {
-    /// Creates the misfit of a factor of one number, with its residual in sds.
+    /// Creates the misfit of a factor with one residual, which is in units of its sd.
     fn of_one(residual: f64, cost: f64) -> Self {
         Self { residual: Vector2::new(residual, 0.0), weight: Matrix2::new(1.0, 0.0, 0.0, 0.0), cost }
     }
 }
 
 impl Factor {
-    /// sd of slope and crossfall of roads and lots, rad.
+    /// Sd of the slope of roads and parking lots, along and across the road, rad.
     ///
-    /// Streets are built with 1–2.5 % of crossfall and grades of up to 5 % (estimate). Of calibrated cameras, sds of
-    /// 1.2 to 2.5° are about equally likely; 1° is less likely by a factor of 150.
+    /// Streets are built with a slope of 1–2.5 % across and up to 5 % along the road (estimate). According to
+    /// calibrated cameras, sds from 1.2° to 2.5° are about equally likely. An sd of 1° is 150 times less likely.
     pub const SLOPE_SD: f64 = 0.026;
-    /// sd of slope and crossfall of steep streets, rad (estimate).
+    /// Sd of the slope of steep streets, along and across the road, rad (estimate).
     pub const STEEP_SD: f64 = 0.087;
     /// Share of steep streets, 0–1 (estimate).
     pub const STEEP_SHARE: f64 = 0.1;
 
-    /// Returns minus the log likelihood of a camera, up to a constant.
+    /// Returns the negative log likelihood of a camera, up to a constant.
     #[must_use]
     pub fn cost(&self, camera: &Vector4<f64>) -> f64 {
         self.misfit(camera).map_or(IMPOSSIBLE, |misfit| misfit.cost)
     }
 
-    /// Returns the factor without its information on scale, for problems in which cars of the atlas' sizes give the
-    /// scale.
+    /// Returns the factor without its information on scale, or `None` if it contains no other information.
     ///
-    /// Lengths and heights in metres are dropped. Returns `None` if nothing is left.
+    /// The result is for problems in which the car sizes of the atlas give the scale. Lengths and heights in metres are
+    /// removed.
     #[must_use]
     pub fn without_scale(&self) -> Option<Self> {
         match *self {
@@ -154,13 +161,13 @@ impl Factor {
         }
     }
 
-    /// Whether the factor's scale comes from the cars, not from metres in the world.
+    /// Whether the factor's scale comes from the sizes of cars, not from measured metres.
     #[must_use]
     pub fn is_by_cars(&self) -> bool {
         matches!(self, Self::Camera { by_cars: true, .. })
     }
 
-    /// Returns the residual in sds, with the sign of measured value minus the camera's value.
+    /// Returns the residual in units of its sd. The sign convention depends on the kind of factor.
     ///
     /// Returns `None` if the factor cannot be evaluated at this camera.
     #[must_use]
@@ -170,9 +177,10 @@ impl Factor {
         Some(size.copysign(residual.x))
     }
 
-    /// Returns the length as this camera measures it, m, and the log sd of the given length and its pixels together.
+    /// Returns the length that this camera measures between the two pixels, m, and a relative sd.
     ///
-    /// Returns `None` for other factors, and if a pixel is above the horizon.
+    /// The sd combines the errors of the given length and of the pixels. Returns `None` for other kinds of factors, and
+    /// if a pixel lies above the horizon.
     #[must_use]
     pub fn length(&self, camera: &Vector4<f64>) -> Option<(f64, f64)> {
         let Self::Length { ends_px, end_sd_px, log_sd, .. } = self else { return None };
@@ -222,9 +230,11 @@ impl Factor {
         }
     }
 
-    /// Returns the two components of a vertical vanishing point at a camera: a nearly level street and a steep one.
+    /// Returns the two components of a vertical vanishing point: one for a nearly level street, and one for a steep
+    /// street.
     ///
-    /// Returns `None` for factors with one component. The join of solves treats them by expectation propagation.
+    /// Returns `None` for other kinds of factors, which have one component. Where several estimates are combined,
+    /// expectation propagation handles the two components.
     #[must_use]
     pub fn components(&self, camera: &Vector4<f64>) -> Option<[FactorComponent; 2]> {
         let Self::VerticalVanishingPoint { inverse_distance, roll, covariance } = *self else { return None };
@@ -240,13 +250,16 @@ impl Factor {
         Some([sloped(Self::SLOPE_SD, 1.0 - steep), sloped(Self::STEEP_SD, steep)])
     }
 
-    /// Returns the derivative of the residual by (log f, tilt, roll, log h); 0 if the factor cannot be evaluated.
+    /// Returns the derivative of the residual with respect to (log focal, tilt, roll, log height).
+    ///
+    /// The derivative is 0 if the factor cannot be evaluated.
     #[must_use]
     pub fn residual_by_camera(&self, camera: &Vector4<f64>) -> SMatrix<f64, 2, 4> {
         self.derivatives(camera).1
     }
 
-    /// Returns the derivatives of cost and residual by the camera, by central differences.
+    /// Returns the derivatives of the cost and of the residual with respect to the camera parameters (central
+    /// differences).
     fn derivatives(&self, camera: &Vector4<f64>) -> (Vector4<f64>, SMatrix<f64, 2, 4>) {
         let (mut gradient, mut by) = (Vector4::zeros(), SMatrix::<f64, 2, 4>::zeros());
         for i in 0..4 {
@@ -260,7 +273,7 @@ impl Factor {
         (gradient, by)
     }
 
-    /// Returns gradient and approximate Hessian of the cost at a camera.
+    /// Returns the gradient and the approximate Hessian of the cost for given camera parameters.
     #[must_use]
     pub fn terms(&self, camera: &Vector4<f64>) -> FactorTerms {
         if let Self::Camera { mean, information, .. } = self {
@@ -275,7 +288,7 @@ impl Factor {
 }
 
 impl FactorTerms {
-    /// Returns the sum of the terms of several factors at a camera.
+    /// Returns the summed terms of several factors for given camera parameters.
     #[must_use]
     pub fn of<'a>(factors: impl IntoIterator<Item = &'a Factor>, camera: &Vector4<f64>) -> Self {
         let mut sum = Self { gradient: Vector4::zeros(), information: Matrix4::zeros() };
@@ -288,7 +301,9 @@ impl FactorTerms {
     }
 }
 
-/// Returns the point where a pixel's ray meets the ground, camera frame, m; `None` at or above the horizon.
+/// Returns the point at which the viewing ray of a pixel meets the ground, in the camera frame, m.
+///
+/// Returns `None` if the pixel lies at or above the horizon.
 fn ground(params: &CameraParams, pixel: &Vector2<f64>) -> Option<Vector3<f64>> {
     let plane = params.plane();
     let camera = Camera::pinhole(params.focal_px(), Vector2::zeros());

@@ -8,9 +8,10 @@ use crate::ImageSize;
 /// Index and presentation time of a frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct FrameStamp {
-    /// Index in the input, from 0 in presentation order. Frames that could not be decoded leave gaps.
+    /// Index of the frame in the input, from 0 in presentation order. The indices of frames that could not be decoded
+    /// are skipped.
     pub index: u64,
-    /// Presentation time of the stream, in nanoseconds from the start of the input.
+    /// Presentation time of the frame, ns from the start of the input.
     pub pts_nanos: i64,
 }
 

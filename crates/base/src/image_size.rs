@@ -27,7 +27,7 @@ impl From<ImageSize> for [u32; 2] {
 }
 
 impl ImageSize {
-    /// Returns the middle of the image, px, which is the assumed principal point if none is given.
+    /// Returns the middle of the image, px. The middle is the assumed principal point if none is given.
     #[must_use]
     pub fn centre_px(self) -> Vector2<f64> {
         Vector2::new((f64::from(self.width) - 1.0) / 2.0, (f64::from(self.height) - 1.0) / 2.0)

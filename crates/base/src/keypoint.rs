@@ -1,14 +1,18 @@
-//! The 36 semantic keypoints of a car; names, mirror pairs and skeleton come from `models/keypoints.json`.
+//! The 36 semantic keypoints of a car.
+//!
+//! Their names, mirror pairs and skeleton edges come from `models/keypoints.json`.
 
 use std::sync::LazyLock;
 
 use nalgebra::{Matrix2, Vector2};
 use serde::Deserialize;
 
-/// Number of keypoints of a car: 18 on its own left side, then their 18 mirror images on its right side.
+/// Number of keypoints of a car: 18 on the car's left side, then their 18 mirror images on the right side.
 pub const KEYPOINTS: usize = 36;
 
-/// Least number of usable keypoints for a pose: enough for position and heading, and some to check the fit.
+/// Smallest number of usable keypoints from which a pose is estimated.
+///
+/// Position and heading need fewer keypoints. The additional keypoints check the fit.
 pub const MIN_KEYPOINTS: usize = 5;
 
 /// A keypoint with its location in the image.
@@ -29,14 +33,14 @@ impl Keypoint {
         Self { pixel, score, covariance_px2: Matrix2::identity() * (sd_px * sd_px) }
     }
 
-    /// Returns the root mean square of the sd over directions, px.
+    /// Returns the sd of the location, px: the root mean square over all directions.
     #[must_use]
     pub fn sd_px(&self) -> f64 {
         (self.covariance_px2.trace() / 2.0).max(0.0).sqrt()
     }
 }
 
-/// Keypoints of one car by index; `None` for those that were not located.
+/// Keypoints of one car by index. An entry is `None` if the keypoint was not located.
 pub type KeypointSet = [Option<Keypoint>; KEYPOINTS];
 
 #[derive(Deserialize)]
@@ -46,7 +50,7 @@ struct KeypointFile {
     edges: Vec<[usize; 2]>,
 }
 
-// Compiled in and checked by the test below, so it cannot fail at run time.
+// The file is compiled in, and the test below checks it. So reading it cannot fail at run time.
 static FILE: LazyLock<KeypointFile> = LazyLock::new(|| {
     serde_json::from_str(include_str!("../../../models/keypoints.json")).unwrap_or(KeypointFile {
         names: Vec::new(),
@@ -55,13 +59,13 @@ static FILE: LazyLock<KeypointFile> = LazyLock::new(|| {
     })
 });
 
-/// Returns the keypoints' names by index, such as `left_wheel_front`.
+/// Returns the names of the keypoints by index, such as `left_wheel_front`.
 #[must_use]
 pub fn keypoint_names() -> &'static [String] {
     &FILE.names
 }
 
-/// Returns the index of the mirror image of a keypoint, on the car's other side.
+/// Returns the index of the corresponding keypoint on the other side of the car.
 #[must_use]
 pub fn mirror_index(index: usize) -> usize {
     FILE.mirror.get(index).copied().unwrap_or(index)

@@ -8,8 +8,9 @@ use crate::ImageSize;
 
 /// Radial distortion by the division model (Fitzgibbon, CVPR 2001).
 ///
-/// Let p be a pixel relative to the principal point. A lens without distortion would show it at
-/// `p / (1 + per_px2 · |p|²)`. The model is in pixels, so it needs no focal length. Barrel distortion is negative.
+/// Let p be the pixel of a scene point, relative to the principal point. A lens without distortion would show the point
+/// at `p / (1 + per_px2 · |p|²)`. The model is in pixels, so it needs no focal length. Barrel distortion has a negative
+/// coefficient.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(transparent)]
 pub struct Lens {
@@ -19,7 +20,7 @@ pub struct Lens {
 
 /// Number of radii at which two distortion models are compared.
 const STEPS: i32 = 50;
-/// Least divisor of the model; no picture reaches radii with smaller ones.
+/// Lower limit of the model's divisor. At the radii of real pictures, the divisor is larger.
 const LEAST_DIVISOR: f64 = 0.1;
 
 impl Lens {
@@ -38,19 +39,21 @@ impl Lens {
         self.per_px2 * half_width_px(size).powi(2)
     }
 
-    /// Creates the lens that is most similar to OpenCV's k1 and k2 at a focal length, px.
+    /// Creates the lens that is most similar to OpenCV's distortion coefficients `k1` and `k2`.
     ///
-    /// The fit is by least squares along the image's half diagonal.
+    /// `focal_px` is the focal length, px. The fit is by least squares over the radii from 0 to half of the image's
+    /// diagonal.
     #[must_use]
     pub fn from_opencv(k1: f64, k2: f64, focal_px: f64, size: ImageSize) -> Self {
         let reach = size.centre_px().norm() / focal_px;
-        // Both models relate an undistorted radius r to a distorted one: r_d (1 + λ f² r_d²)⁻¹ = r, linear in λ.
+        // Let r be the undistorted radius, r_d the distorted one, f the focal length and λ the wanted `per_px2`. The
+        // division model r_d (1 + λ f² r_d²)⁻¹ = r is linear in λ.
         let (mut sum, mut weight) = (0.0, 0.0);
         for step in 1..=STEPS {
             let straight = reach * f64::from(step) / f64::from(STEPS);
             let square = straight * straight;
             let distorted = straight * (1.0 + k1 * square + k2 * square * square);
-            // Beyond the radius at which the polynomial falls, it describes no lens.
+            // From the radius at which the polynomial begins to decrease, it does not describe a lens.
             if 1.0 + 3.0 * k1 * square + 5.0 * k2 * square * square <= 0.0 {
                 break;
             }
@@ -61,9 +64,10 @@ impl Lens {
         Self { per_px2: if weight > 0.0 { sum / weight } else { 0.0 } }
     }
 
-    /// Returns OpenCV's k1 and k2 that are most similar to this lens at a focal length, px.
+    /// Returns OpenCV's distortion coefficients `[k1, k2]` that are most similar to this lens.
     ///
-    /// The fit is by least squares along the image's half diagonal.
+    /// `focal_px` is the focal length, px. The fit is by least squares over the radii from 0 to half of the image's
+    /// diagonal.
     #[must_use]
     pub fn opencv(self, focal_px: f64, size: ImageSize) -> [f64; 2] {
         let reach = size.centre_px().norm();
@@ -78,28 +82,29 @@ impl Lens {
         normal.try_inverse().map_or([0.0; 2], |inverse| (inverse * right).into())
     }
 
-    /// Returns the undistorted position of a pixel; both are relative to the principal point, px.
+    /// Returns the undistorted position of a pixel. Both positions are relative to the principal point, px.
     #[must_use]
     pub fn undistorted(self, distorted: &Vector2<f64>) -> Vector2<f64> {
         distorted / self.divisor(distorted)
     }
 
-    /// Returns the pixel at which this lens shows an undistorted position; both are relative to the principal point,
-    /// px.
+    /// Returns the pixel at which this lens shows an undistorted position.
+    ///
+    /// Both positions are relative to the principal point, px.
     #[must_use]
     pub fn distorted(self, straight: &Vector2<f64>) -> Vector2<f64> {
         let root = (1.0 - 4.0 * self.per_px2 * straight.norm_squared()).max(0.0).sqrt();
         straight * (2.0 / (1.0 + root))
     }
 
-    /// Returns the derivative of [`Lens::undistorted`] by the pixel.
+    /// Returns the derivative of [`Lens::undistorted`] with respect to the pixel.
     #[must_use]
     pub fn undistorted_by_pixel(self, distorted: &Vector2<f64>) -> Matrix2<f64> {
         let divisor = self.divisor(distorted);
         (Matrix2::identity() - distorted * distorted.transpose() * (2.0 * self.per_px2 / divisor)) / divisor
     }
 
-    /// Returns the derivative of [`Lens::undistorted`] by `per_px2`, px³.
+    /// Returns the derivative of [`Lens::undistorted`] with respect to `per_px2`, px³.
     #[must_use]
     pub fn undistorted_by_lens(self, distorted: &Vector2<f64>) -> Vector2<f64> {
         -distorted * (distorted.norm_squared() / self.divisor(distorted).powi(2))
@@ -150,7 +155,7 @@ mod tests {
         let [k1, k2] = lens.opencv(1500.0, SIZE);
         let back = Lens::from_opencv(k1, k2, 1500.0, SIZE);
         assert!((back.distortion(SIZE) + 0.02).abs() < 3e-4, "{}", back.distortion(SIZE));
-        // A camera of MEVA with strong published distortion.
+        // A camera of the MEVA data set. Its published distortion is strong.
         let strong = Lens::from_opencv(-0.354, 0.122, 1453.0, ImageSize { width: 1920, height: 1072 });
         for x in [300.0, 700.0, 950.0] {
             let square = (x / 1453.0_f64).powi(2);

@@ -6,21 +6,22 @@
 //! |---|---|---|
 //! | camera | x right, y down, z forward | optical centre |
 //! | pixel | x right, y down | centre of the top-left pixel |
-//! | world | z up (plane normal), y the viewing direction projected onto the plane, x right | plane point under the camera |
+//! | world | z up (normal of the ground plane), y forward (viewing direction projected onto the plane), x right | point of the plane below the camera |
 //! | car | x forward, y left, z up | on the ground midway between the axles |
 //!
-//! Transforms are named `target_from_source`. Units are SI units and radians; a suffix names a unit that is not
-//! obvious.
+//! The name of a transform is `target_from_source`: it converts source coordinates to target coordinates. Units are SI
+//! units and radians. A suffix of a name, such as `_px`, gives a unit that is not obvious.
 //!
 //! # Contents
-//! - the camera: [`Camera`], [`Lens`], [`GroundPlane`], [`CameraParams`]; its prior ([`CameraPrior`]), factors on it
-//!   beside the cars ([`Factor`]), and information that can be summed over frames ([`JointInformation`])
+//! - the camera: [`Camera`], [`Lens`], [`GroundPlane`], [`CameraParams`], and its prior ([`CameraPrior`])
+//! - evidence on the camera: cost terms that do not come from cars ([`Factor`]), and the information from cars, which
+//!   can be summed over frames ([`JointInformation`])
 //! - cars: [`ShapeAtlas`], [`GroundPose`], the 36 keypoints ([`KeypointSet`]), boxes (`bbox_…`), [`Activity`]
-//! - records between stages, as files contain them: `records/`, [`CameraEvidence`], [`SceneLine`]
+//! - records that stages exchange and files store: `records/`, [`CameraEvidence`], [`SceneLine`]
 //! - small tools: [`assign`], [`median`], [`StudentT`], [`Similarity`]
 //!
 //! # Example
-//! The pixel of the front left wheel of a mean car:
+//! The example computes the pixel of the front left wheel of a mean car:
 //! ```
 //! use nalgebra::Point3;
 //! use roadplane_base::{Camera, GroundPlane, GroundPose, ImageSize, ShapeAtlas, keypoint_names};

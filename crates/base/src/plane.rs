@@ -4,19 +4,20 @@ use nalgebra::{Isometry3, Matrix3, Rotation3, Translation3, UnitQuaternion, Vect
 
 use crate::Camera;
 
-/// A ground plane in the camera frame: `normal_in_camera · X + height_m = 0`.
+/// A ground plane in the camera frame. Its points X satisfy `normal_in_camera · X + height_m = 0`.
 ///
 /// The unit normal points up, so the camera's centre is `height_m` above the plane.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct GroundPlane {
-    /// Unit normal pointing up, camera frame.
+    /// Unit normal of the plane, in the camera frame. It points up.
     pub normal_in_camera: Vector3<f64>,
-    /// Height of the camera's centre above the plane, m; positive.
+    /// Height of the camera's centre above the plane, m. It is positive.
     pub height_m: f64,
 }
 
 impl GroundPlane {
-    /// Creates a plane with the normal `n = (sin roll cos tilt, −cos roll cos tilt, −sin tilt)`.
+    /// Creates a plane from its tilt, roll and height. The normal is
+    /// `(sin roll cos tilt, −cos roll cos tilt, −sin tilt)`.
     ///
     /// `tilt` is the angle of the optical axis below the horizontal, rad. `roll` is the clockwise turn of the horizon
     /// in the image, rad. `height_m` is the camera's height above the plane, m.
@@ -39,7 +40,9 @@ impl GroundPlane {
         self.normal_in_camera.x.atan2(-self.normal_in_camera.y)
     }
 
-    /// Returns the height of a point (camera frame) above the plane, m (`D_p2p`, paper Eq. 4).
+    /// Returns the height of a point above the plane, m. The point is in the camera frame.
+    ///
+    /// The height is `D_p2p` in Eq. 4 of Li et al., *Car Pose in Context*.
     #[must_use]
     pub fn height_of(&self, point_in_camera: &Vector3<f64>) -> f64 {
         self.normal_in_camera.dot(point_in_camera) + self.height_m
@@ -61,8 +64,9 @@ impl GroundPlane {
         )
     }
 
-    /// Returns the point where a pixel's viewing ray meets the plane, world x and y in m; `None` at or above the
-    /// horizon.
+    /// Returns the point at which the viewing ray of a pixel meets the plane: world x and y, m.
+    ///
+    /// Returns `None` if the pixel lies at or above the horizon.
     #[must_use]
     pub fn world_from_pixel(&self, camera: &Camera, pixel: &Vector2<f64>) -> Option<Vector2<f64>> {
         let ray = camera.ray_from_pixel(pixel);

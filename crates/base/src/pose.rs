@@ -1,4 +1,4 @@
-//! Poses of cars on the ground plane, and functions of angles.
+//! Poses of cars on the ground plane, and arithmetic of angles.
 
 use std::f64::consts::{PI, TAU};
 
@@ -12,7 +12,8 @@ pub struct GroundPose {
     pub x_m: f64,
     /// World y of the car's origin, m.
     pub y_m: f64,
-    /// Direction of the car's x axis, rad: 0 along world +x, counter-clockwise seen from above.
+    /// Direction of the car's x axis (forward), rad. It is 0 along world +x and grows counter-clockwise, as seen from
+    /// above.
     pub heading_rad: f64,
 }
 
@@ -26,7 +27,9 @@ impl GroundPose {
         )
     }
 
-    /// Returns the projection of a free pose onto the ground: of its origin and of its forward axis.
+    /// Projects a pose with six degrees of freedom onto the ground.
+    ///
+    /// The projected origin gives the position. The projected forward axis gives the heading.
     #[must_use]
     pub fn nearest(world_from_car: &Isometry3<f64>) -> Self {
         let forward = world_from_car.rotation * Vector3::x();
@@ -35,21 +38,23 @@ impl GroundPose {
     }
 }
 
-/// Returns an angle modulo 2π, in (−π, π].
+/// Returns an angle modulo 2π, rad, in (−π, π].
 #[must_use]
 pub fn wrap_angle(angle_rad: f64) -> f64 {
     let turned = angle_rad.rem_euclid(TAU);
     if turned > PI { turned - TAU } else { turned }
 }
 
-/// Returns the direction of an axis, an angle modulo π, in (−π/2, π/2].
+/// Returns an angle modulo π, rad, in (−π/2, π/2].
+///
+/// Opposite directions give the same result, so the result describes a line and not a direction along it.
 #[must_use]
 pub fn fold_axis(angle_rad: f64) -> f64 {
     let folded = angle_rad.rem_euclid(PI);
     if folded > PI / 2.0 { folded - PI } else { folded }
 }
 
-/// Returns the shortest turn from `b` to `a`, rad, in (−π, π].
+/// Returns the shortest rotation from angle `b` to angle `a`, rad, in (−π, π].
 #[must_use]
 pub fn angle_difference(a: f64, b: f64) -> f64 {
     wrap_angle(a - b)

@@ -1,4 +1,4 @@
-//! The records that stages pass on, as the files contain them (see `ARCHITECTURE.md`).
+//! The records that the stages of a run exchange and that files store (see `ARCHITECTURE.md`).
 
 mod camera;
 mod car;

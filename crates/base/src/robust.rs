@@ -2,7 +2,7 @@
 
 use std::cmp::Ordering;
 
-/// Returns the median of finite numbers; `None` if there are none. Sorts its input.
+/// Returns the median of finite numbers, or `None` for an empty list. The function sorts `values`.
 #[must_use]
 pub fn median(values: &mut [f64]) -> Option<f64> {
     values.sort_by(f64::total_cmp);
@@ -10,18 +10,20 @@ pub fn median(values: &mut [f64]) -> Option<f64> {
     (n > 0).then(|| 0.5 * (values[(n - 1) / 2] + values[n / 2]))
 }
 
-/// Returns the middle value in the given order, or the upper one of two; `None` if there are none. Sorts its input.
+/// Returns the middle value in the given order, or the upper one of two middle values.
 ///
-/// The result is one of the values, while [`median`] may lie between two.
+/// The result is always one of the values. In contrast, [`median`] may return a number between two values. Returns
+/// `None` for an empty list. The function sorts `values`.
 #[must_use]
 pub fn upper_median<T: Copy>(values: &mut [T], order: impl FnMut(&T, &T) -> Ordering) -> Option<T> {
     values.sort_by(order);
     values.get(values.len() / 2).copied()
 }
 
-/// Returns the weighted median of (value, weight) pairs: half of the weight lies below it.
+/// Returns the weighted median of (value, weight) pairs: the smallest value at which the summed weight reaches half of
+/// the total weight.
 ///
-/// Returns `None` without positive weight. Sorts its input.
+/// Returns `None` if no weight is positive. The function sorts `values`.
 #[must_use]
 pub fn weighted_median(values: &mut [(f64, f64)]) -> Option<f64> {
     values.sort_by(|a, b| a.0.total_cmp(&b.0));
@@ -36,12 +38,16 @@ pub fn weighted_median(values: &mut [(f64, f64)]) -> Option<f64> {
         .map(|v| v.0)
 }
 
-/// Student's t distribution of errors with ν = 4: similar to a Gaussian near zero, but with heavier tails for outliers.
+/// Student's t distribution of errors, with ν = 4 degrees of freedom.
 ///
-/// Minimised by reweighting (Lange, Little and Taylor 1989, J. Am. Stat. Assoc. 84).
+/// Near zero the distribution is similar to a Gaussian. Its tails are heavier, so outliers have less influence on an
+/// estimate.
+///
+/// An estimate minimises [`StudentT::cost`] by iteratively reweighted least squares (Lange, Little and Taylor 1989, J.
+/// Am. Stat. Assoc. 84).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StudentT {
-    /// Dimensions of an error.
+    /// Number of dimensions of an error vector.
     pub dimensions: f64,
 }
 
@@ -49,13 +55,17 @@ impl StudentT {
     /// Degrees of freedom ν. A smaller ν gives outliers less weight.
     const FREEDOM: f64 = 4.0;
 
-    /// Returns the weight of an error of this squared Mahalanobis distance, relative to a Gaussian error.
+    /// Returns the least-squares weight of an error, relative to a Gaussian error.
+    ///
+    /// `squared` is the squared Mahalanobis distance of the error.
     #[must_use]
     pub fn weight(&self, squared: f64) -> f64 {
         (Self::FREEDOM + self.dimensions) / (Self::FREEDOM + squared)
     }
 
-    /// Returns the negative log density of an error of this squared Mahalanobis distance, up to a constant.
+    /// Returns the negative log density of an error, up to a constant.
+    ///
+    /// `squared` is the squared Mahalanobis distance of the error.
     #[must_use]
     pub fn cost(&self, squared: f64) -> f64 {
         0.5 * (Self::FREEDOM + self.dimensions) * (squared / Self::FREEDOM).ln_1p()

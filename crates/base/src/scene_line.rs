@@ -4,13 +4,15 @@ use nalgebra::Vector2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-/// A straight edge of the scene, `[x0, y0, x1, y1, sd]` in files: both ends in px, and the sd of the direction in rad.
+/// A straight edge of the scene in the image. Files store it as `[x0, y0, x1, y1, sd]`. The numbers are both ends in
+/// px, and the sd of the direction in rad.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(into = "[f64; 5]", from = "[f64; 5]")]
 pub struct SceneLine {
-    /// Both ends, px of the picture.
+    /// Both ends of the edge in the picture, px.
     pub ends_px: [Vector2<f64>; 2],
-    /// sd of the measured direction, rad. How far such edges are from vertical in the world is not counted.
+    /// Sd of the measured direction, rad. It covers the error of the measurement, not the edge's deviation from the
+    /// vertical in the world.
     pub sd_rad: f64,
 }
 
@@ -28,7 +30,9 @@ impl From<SceneLine> for [f64; 5] {
 }
 
 impl SceneLine {
-    /// Returns the edge as files store it. Hundredths of a pixel are far below an edge's accuracy.
+    /// Returns the edge with rounded numbers, as files store it.
+    ///
+    /// Pixels are rounded to 0.01, which is far below an edge's accuracy.
     #[must_use]
     pub fn rounded(self) -> Self {
         let rounded = |v: f64, digits: f64| (v * digits).round() / digits;
@@ -50,7 +54,7 @@ impl SceneLine {
         self.ends_px[1] - self.ends_px[0]
     }
 
-    /// Whether the edge is finite and has a length and a positive sd.
+    /// Whether all numbers are finite, the two ends differ and the sd is positive.
     #[must_use]
     pub fn is_sound(&self) -> bool {
         let numbers: [f64; 5] = (*self).into();
@@ -60,13 +64,14 @@ impl SceneLine {
 
 /// A long edge of the scene that would be straight, or gently curved, without lens distortion.
 ///
-/// In files `[x0, y0, x1, y1, x2, y2, sd]`: one end, the middle, the other end and the middle's sd, px.
+/// Files store it as `[x0, y0, x1, y1, x2, y2, sd]`, px. The points are one end, the middle and the other end. `sd` is
+/// the sd of the distance between the middle and the line through the ends.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(into = "[f64; 7]", from = "[f64; 7]")]
 pub struct SceneCurve {
-    /// One end, the middle, the other end, px of the picture.
+    /// One end, the middle and the other end of the edge in the picture, px.
     pub points_px: [Vector2<f64>; 3],
-    /// sd of the middle's distance from the line through the ends, px.
+    /// Sd of the distance between the middle and the line through the ends, px.
     pub sd_px: f64,
 }
 
@@ -84,7 +89,7 @@ impl From<SceneCurve> for [f64; 7] {
 }
 
 impl SceneCurve {
-    /// Returns the edge as files store it, to hundredths of a pixel.
+    /// Returns the edge with all numbers rounded to 0.01 px, as files store it.
     #[must_use]
     pub fn rounded(self) -> Self {
         let rounded = |v: f64| (v * 100.0).round() / 100.0;
@@ -94,7 +99,7 @@ impl SceneCurve {
         }
     }
 
-    /// Whether the edge is finite and has different ends and a positive sd.
+    /// Whether all numbers are finite, the two ends differ and the sd is positive.
     #[must_use]
     pub fn is_sound(&self) -> bool {
         let numbers: [f64; 7] = (*self).into();

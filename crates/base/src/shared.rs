@@ -1,37 +1,39 @@
-//! Information of cars on a camera when all cars of a scene share some errors.
+//! Information that cars give on a camera, if all cars of a scene share some errors.
 //!
-//! A net sees all cars of a scene from a little too high or too low. No number of cars averages such an error out.
-//! Evidence on x = (log f, tilt, roll, log h) therefore has two parts:
+//! For example, the keypoints of all cars may suggest a viewing direction that is slightly too steep. The mean over
+//! many cars does not reduce such an error. Therefore the information on x = (log focal, tilt, roll, log height) has
+//! two parts:
 //!
-//! - the information I on x as if the cars' errors were independent;
-//! - the cross information C between x and the shared errors s.
+//! - I, the information matrix (inverse covariance) of x, computed as if the errors of the cars were independent;
+//! - C, the cross information between x and the shared errors s.
 //!
-//! The shared errors are the elevation angle of the view, the turn about the line of sight (both rad), the lens
-//! distortion (1/px²), and the principal point (px). Evidence of several frames of a scene is summed first. Then s,
-//! whose covariance S is known, widens the covariance of x: `Σ = I⁻¹ + G S Gᵀ` with `G = −I⁻¹ C`.
+//! The shared errors are the elevation angle of the view (rad), the turn about the viewing axis (rad), the lens
+//! distortion (1/px²) and the principal point (px). Information from several frames of a scene is summed first. Then
+//! the shared errors, which have the given covariance S, enlarge the covariance of x to `Σ = I⁻¹ + G S Gᵀ` with
+//! `G = −I⁻¹ C`.
 
 use nalgebra::{Matrix4, Matrix4x5, Matrix5, Vector4, Vector5};
 
 /// Number of errors that the cars of a scene share.
 pub const SHARED_ERRORS: usize = 5;
 
-/// sds of the shared errors; 0 means that cars do not share the error.
+/// Sds of the shared errors. An sd of 0 means that the cars do not share the error.
 ///
-/// In this order: elevation and turn, rad; the lens ([`Lens::per_px2`](crate::Lens::per_px2)), 1/px²; the principal
-/// point, x and y, px. A shift of the principal point keeps the ray through the image's middle, to which tilt and roll
-/// belong.
+/// The order is: elevation (rad), turn (rad), lens distortion ([`Lens::per_px2`](crate::Lens::per_px2), 1/px²), and x
+/// and y of the principal point (px). If the principal point shifts, the ray through the middle of the image stays
+/// fixed. Tilt and roll refer to this ray.
 pub type SharedSd = [f64; SHARED_ERRORS];
 
-/// Gaussian information on (log f, tilt, roll, log h) and the shared errors, possibly singular.
+/// Gaussian information on (log focal, tilt, roll, log height) and the shared errors. It may be singular.
 ///
-/// The shared errors' sds change the camera's covariance but not its mean.
+/// The sds of the shared errors change the covariance of the camera parameters but not their mean.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct JointInformation {
-    /// Inverse covariance of the camera without shared errors.
+    /// Inverse covariance of the camera parameters, without shared errors.
     pub information: Matrix4<f64>,
-    /// Cross information: camera (rows) by shared errors (columns).
+    /// Cross information between the camera parameters (rows) and the shared errors (columns).
     pub cross: Matrix4x5<f64>,
-    /// `information` times the mean.
+    /// `information` times the mean of the camera parameters.
     pub vector: Vector4<f64>,
 }
 
@@ -42,7 +44,7 @@ impl JointInformation {
         Self { information: Matrix4::zeros(), cross: Matrix4x5::zeros(), vector: Vector4::zeros() }
     }
 
-    /// Creates information on the camera without shared errors.
+    /// Creates information on the camera parameters without shared errors. Their mean is `camera`.
     #[must_use]
     pub fn of_camera(information: &Matrix4<f64>, camera: &Vector4<f64>) -> Self {
         Self { information: *information, cross: Matrix4x5::zeros(), vector: information * camera }
@@ -55,11 +57,14 @@ impl JointInformation {
         self.vector += other.vector * share;
     }
 
-    /// Returns the camera's inverse covariance with the shared errors marginalised, and its product with the mean.
+    /// Returns the inverse covariance of the camera parameters, and its product with their mean.
+    ///
+    /// The shared errors, whose sds are `sd`, are marginalised out.
     #[must_use]
     pub fn marginal(&self, sd: SharedSd) -> (Matrix4<f64>, Vector4<f64>) {
         let solved = self.solved_cross();
-        // C (S⁻¹ + Cᵀ I⁻¹ C)⁻¹ with S = D²: C D (D Cᵀ I⁻¹ C D + 1)⁻¹ D, which also holds for sds of 0.
+        // With S = D², the gain C (S⁻¹ + Cᵀ I⁻¹ C)⁻¹ equals C D (D Cᵀ I⁻¹ C D + 1)⁻¹ D. The second form is also valid
+        // for sds of 0.
         let d = Matrix5::from_diagonal(&Vector5::from(sd));
         let own = d * self.cross.transpose() * solved * d;
         let kept = (own + Matrix5::identity()).try_inverse().unwrap_or_else(Matrix5::zeros);
@@ -71,9 +76,10 @@ impl JointInformation {
         )
     }
 
-    /// Returns the same information with another mean, so that together with other costs `camera` is the minimum.
+    /// Returns the same information with a mean for which `camera` minimises the total cost.
     ///
-    /// `pull` is the gradient of the other costs at `camera`. The shared errors are marginalised.
+    /// The total cost is the cost of this information plus other costs. `pull` is the gradient of the other costs at
+    /// `camera`. The shared errors, whose sds are `sd`, are marginalised out.
     #[must_use]
     pub fn with_minimum_at(&self, camera: &Vector4<f64>, pull: &Vector4<f64>, sd: SharedSd) -> Self {
         let variance = Matrix5::from_diagonal(&Vector5::from(sd).map(|sd| sd * sd));
@@ -81,7 +87,7 @@ impl JointInformation {
         Self { vector: self.information * camera + pull + shared, ..*self }
     }
 
-    /// Returns `I⁻¹ C`; in directions in which I is singular, C is zero.
+    /// Returns `I⁻¹ C`. In directions in which I is singular, C is zero, and the result is zero.
     fn solved_cross(&self) -> Matrix4x5<f64> {
         let floor = 1e-12 * self.information.trace().max(1e-12);
         let inverse = (self.information + Matrix4::identity() * floor).try_inverse();
@@ -93,7 +99,8 @@ impl JointInformation {
 mod tests {
     use super::*;
 
-    /// Ten cars of one scene, each of which measures all parameters, and (tilt + elevation error) to 0.01 rad.
+    /// Returns the information of ten cars of one scene. Each car measures all parameters with an sd of 0.01. Its tilt
+    /// includes the shared elevation error.
     fn cars() -> JointInformation {
         let mut joint = JointInformation::of_camera(&(Matrix4::identity() * 1e4), &Vector4::repeat(0.3));
         joint.add(&joint.clone(), 9.0);

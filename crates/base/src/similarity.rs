@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-/// A similarity transform: `moved = m · point + shift` with m = scale · rotation.
+/// A similarity transform of the plane: `moved = m · point + shift`. The matrix m is a rotation times a scale.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Similarity {
     m: Matrix2<f64>,
@@ -10,7 +10,7 @@ pub struct Similarity {
 }
 
 impl Similarity {
-    /// Creates a transform without rotation that scales and moves the point `from` to `to`.
+    /// Creates a transform without rotation that scales by `scale` and maps the point `from` to the point `to`.
     #[must_use]
     pub fn carrying(from: &Vector2<f64>, to: &Vector2<f64>, scale: f64) -> Self {
         let m = Matrix2::identity() * scale;
@@ -19,7 +19,8 @@ impl Similarity {
 
     /// Fits a transform to pairs (point, moved point) by least squares, in closed form (Umeyama 1991).
     ///
-    /// One pair, or coinciding points, give a pure shift. Returns `None` without pairs.
+    /// If there is only one pair, or all points coincide, the result is a pure shift. Returns `None` if `pairs` is
+    /// empty.
     #[must_use]
     pub fn fit(pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Option<Self> {
         if pairs.is_empty() {
@@ -40,13 +41,13 @@ impl Similarity {
         Some(Self { m, shift: to - m * from })
     }
 
-    /// Returns the image of a point.
+    /// Returns the transformed point.
     #[must_use]
     pub fn apply(&self, point: &Vector2<f64>) -> Vector2<f64> {
         self.m * point + self.shift
     }
 
-    /// Returns the rotation from x towards y, rad.
+    /// Returns the rotation angle, rad. It is positive from the x axis towards the y axis.
     #[must_use]
     pub fn turn(&self) -> f64 {
         self.m[(1, 0)].atan2(self.m[(0, 0)])

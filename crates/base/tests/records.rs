@@ -15,7 +15,7 @@ use serde_json::{Value, json};
 
 const SIZE: ImageSize = ImageSize { width: 640, height: 360 };
 
-/// A frame with two vehicles, one of them carried over; a camera that was turned; edges of the scene.
+/// Returns a frame with scene edges, a turned camera and two vehicles, one of them carried over from an earlier frame.
 fn frame() -> FrameRecord {
     let line = [10.0, 20.0, 10.5, 80.0, 0.01];
     let curve = [0.0, 5.0, 300.0, 2.5, 600.0, 5.0, 0.25];
@@ -54,7 +54,7 @@ fn frame() -> FrameRecord {
 fn a_frame_with_all_fields_survives() {
     let text = serde_json::to_string(&frame()).unwrap();
     assert_eq!(FrameRecord::from_json(&text).unwrap(), frame());
-    // The documented form: lists of numbers.
+    // The file contains lists of numbers, as documented.
     let value: Value = serde_json::from_str(&text).unwrap();
     assert_eq!(value["image_size_px"], json!([640, 360]));
     assert_eq!(value["scene_lines"][0], json!([10.0, 20.0, 10.5, 80.0, 0.01]));
@@ -94,7 +94,7 @@ fn rounding_edges_loses_no_accuracy() {
     assert_eq!((kept.rounded(), kept.sd_rad), (kept, 0.00123));
     let curve = SceneCurve::from([0.004, 5.0, 300.0, 2.5, 600.0, 5.0, 0.254]);
     assert_eq!(<[f64; 7]>::from(curve.rounded()), [0.0, 5.0, 300.0, 2.5, 600.0, 5.0, 0.25]);
-    // However small, an sd stays above zero.
+    // A very small sd is not rounded to zero.
     assert!(SceneLine { sd_rad: 1e-9, ..line }.rounded().is_sound());
     assert!(SceneCurve { sd_px: 1e-9, ..curve }.rounded().is_sound());
 }
@@ -115,7 +115,7 @@ fn edges_without_length_or_sd_are_not_sound() {
     }
 }
 
-/// The evidence of a clip with one parked car.
+/// Returns the evidence of a clip with one parked car.
 fn evidence() -> CameraEvidence {
     CameraEvidence {
         schema: EVIDENCE_SCHEMA.to_owned(),
@@ -225,7 +225,7 @@ fn a_frame_returns_its_time_and_size() {
     let frame = Frame { stamp, image: image::RgbImage::new(640, 360) };
     assert!((frame.stamp.time_s() - 0.12).abs() < 1e-12);
     assert_eq!((frame.size(), frame.bytes()), (SIZE, 640 * 360 * 3));
-    // Between the two middle pixels of each direction, since (0, 0) is the centre of a pixel.
+    // The centre lies between the two middle pixels of each axis, because (0, 0) is the centre of a pixel.
     assert_eq!(SIZE.centre_px(), Vector2::new(319.5, 179.5));
 }
 

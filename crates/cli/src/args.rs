@@ -1,4 +1,4 @@
-//! The command line.
+//! The command line of `roadplane`.
 
 pub mod cameras;
 pub mod constraints;
@@ -63,7 +63,7 @@ pub struct Cli {
 }
 
 impl Cli {
-    /// Returns the command line with its grouped help.
+    /// Returns the command line, with the commands of its help in groups.
     pub fn described() -> clap::Command {
         grouped(Self::command(), GROUPS)
     }
@@ -154,7 +154,7 @@ pub struct RunArgs {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub known: constraints::ConstraintArgs,
-    /// Camera database: each clip starts from the earlier estimates of its camera in DIR and adds its own.
+    /// Camera database: each clip starts from the earlier estimates of its camera in DIR, and adds its own estimate.
     #[arg(long, value_name = "DIR", requires = "camera_id")]
     pub cameras: Option<PathBuf>,
     /// Camera of the inputs, or a pattern of their file names: {} is the camera, * is anything, for example '{}_*'.
@@ -183,7 +183,8 @@ pub struct RunArgs {
     /// Also write frames.jsonl: the boxes, keypoints and camera motion found in each frame.
     #[arg(long)]
     pub frames: bool,
-    /// Also write the scene without moving objects, background.png. background.json says when each part was last seen empty.
+    /// Also write background.png, the scene without moving objects. background.json gives the time at which each part
+    /// was last seen empty.
     #[arg(long)]
     pub background: bool,
     /// Write counts in Prometheus' text format at the end, for its textfile collector.

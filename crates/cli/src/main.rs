@@ -1,8 +1,12 @@
-//! The `roadplane` binary: parses the command line, runs one command, turns its outcome into an exit code.
+//! The `roadplane` binary: parses the command line, runs one command, and converts its outcome to an exit code.
 //!
-//! Contents: `args/` the arguments, `commands/` one file per command, `metrics.rs` counts for Prometheus, `sandbox.rs`. The crate
-//! `terminal` holds the parts shared with `roadplane-lab`.
-// Doc comments of arguments are their help texts, where <name> is no tag and [,height_m] no link.
+//! - `args/`: the arguments
+//! - `commands/`: one file per command
+//! - `metrics.rs`: counts for Prometheus
+//! - `sandbox.rs`: limits the files and addresses that a run can use
+//!
+//! The crate `terminal` contains the parts that `roadplane` shares with `roadplane-lab`.
+// The doc comments of arguments are help texts. In them, <name> is not an HTML tag and [,height_m] is not a link.
 #![allow(rustdoc::invalid_html_tags, rustdoc::broken_intra_doc_links)]
 
 mod args;

@@ -1,4 +1,5 @@
-//! Counts of a run in Prometheus' text format: a file at the end, and a page on loopback while running.
+//! Counts of a run in Prometheus' text format. They are written to a file at the end, and served on a loopback address
+//! during the run.
 
 use std::fmt::Write as _;
 use std::io::{Read as _, Write as _};
@@ -13,10 +14,10 @@ use roadplane_write::OutFile;
 
 use roadplane_terminal::Bar;
 
-/// Time that a reader has for its request.
+/// Time limit for reading a request and for writing the answer.
 const PATIENCE: Duration = Duration::from_secs(2);
 
-/// Counts of one run; clones share them.
+/// Counts of one run. Clones of this object share the same counts.
 #[derive(Clone)]
 pub struct Metrics(Arc<Counts>);
 
@@ -34,14 +35,14 @@ struct Counts {
     tracks: AtomicU64,
 }
 
-/// Returns time in seconds and process number, which are unique on one machine.
+/// Returns a run id that is unique on one machine: the time in seconds and the process number.
 pub fn default_run_id() -> String {
     let seconds = SystemTime::now().duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
     format!("{seconds}-{}", std::process::id())
 }
 
 impl Metrics {
-    /// Returns zero counts for a run over `inputs` inputs.
+    /// Creates the counts of a run with `inputs` inputs. All counts are 0.
     pub fn new(run_id: &str, inputs: usize) -> Self {
         Self(Arc::new(Counts {
             run_id: run_id.to_owned(),
@@ -57,12 +58,12 @@ impl Metrics {
         }))
     }
 
-    /// Notes that work on an input begins.
+    /// Counts one more input as running.
     pub fn begin(&self) {
         self.0.running.fetch_add(1, Relaxed);
     }
 
-    /// Notes that work on an input ended.
+    /// Counts one input fewer as running, and adds its result to the counts.
     pub fn end(&self, result: &Result<RunReport, PipelineError>) {
         let counts = &self.0;
         counts.running.fetch_sub(1, Relaxed);
@@ -84,7 +85,7 @@ impl Metrics {
         }
     }
 
-    /// Returns all counts as text.
+    /// Returns all counts in Prometheus' text format.
     pub fn text(&self) -> String {
         let counts = &self.0;
         let of = |count: &AtomicU64| count.load(Relaxed);
@@ -140,10 +141,10 @@ impl Metrics {
         text
     }
 
-    /// Writes the file for the textfile collector, whole or not at all.
+    /// Writes the counts to a file for Prometheus' textfile collector. The file appears only when it is complete.
     ///
     /// # Errors
-    /// [`PipelineError::Write`].
+    /// Returns [`PipelineError::Write`] if the file cannot be written.
     pub fn write(&self, path: &Path) -> Result<(), PipelineError> {
         let write = || -> Result<(), WriteError> {
             let mut file = OutFile::create(path)?;
@@ -154,10 +155,10 @@ impl Metrics {
     }
 }
 
-/// Serves the counts until the process ends.
+/// Serves the counts over HTTP until the process ends.
 ///
 /// # Errors
-/// [`PipelineError::Usage`] for an address that others could reach or that cannot be listened on.
+/// Returns [`PipelineError::Usage`] if the address is not a loopback address, or if the program cannot listen on it.
 pub fn serve(address: SocketAddr, metrics: &Metrics) -> Result<(), PipelineError> {
     if !address.ip().is_loopback() {
         return Err(PipelineError::usage(&format!(
@@ -178,7 +179,7 @@ pub fn serve(address: SocketAddr, metrics: &Metrics) -> Result<(), PipelineError
     Ok(())
 }
 
-/// Answers one request, `GET /metrics`; its headers are ignored.
+/// Answers one HTTP request. Only `GET /metrics` is supported, and the headers are ignored.
 fn answer(mut stream: TcpStream, metrics: &Metrics) -> std::io::Result<()> {
     stream.set_read_timeout(Some(PATIENCE))?;
     stream.set_write_timeout(Some(PATIENCE))?;

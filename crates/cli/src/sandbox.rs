@@ -1,8 +1,11 @@
-//! A sandbox for runs: they read their inputs, models and libraries, write their output, and reach no network. A damaged file
-//! that takes over a codec can therefore do little harm.
+//! A sandbox for runs. A run can read only its inputs, models and libraries, can write only its output, and cannot
+//! reach a network.
 //!
-//! Linux' Landlock (5.13; networks from 6.7) restricts the calling thread and all threads that it starts later, for good. A run
-//! continues without the protection that the kernel lacks.
+//! Some video files are made to exploit errors in codecs. In the sandbox, such a file can do little harm.
+//!
+//! The sandbox uses Landlock of Linux (from kernel 5.13; for networks from 6.7). Landlock permanently restricts the
+//! calling thread and all threads that it starts later. If the kernel lacks a part of Landlock, the run continues
+//! without that protection.
 
 use std::net::SocketAddr;
 use std::path::{Path, PathBuf};
@@ -13,9 +16,9 @@ use landlock::{
 };
 use roadplane_pipeline::{find_models, find_runtime};
 
-/// Landlock version that is asked of the kernel.
+/// Version of Landlock that is requested from the kernel.
 const WANTED: ABI = ABI::V5;
-/// Paths that libraries read: code and data of the system, facts on processor and memory.
+/// Paths that libraries read: code and data of the system, and information on processor and memory.
 const SYSTEM: [&str; 11] = [
     "/usr",
     "/lib",
@@ -30,19 +33,19 @@ const SYSTEM: [&str; 11] = [
     "/proc/stat",
 ];
 
-/// Paths and addresses that a command needs beside [`SYSTEM`].
+/// Paths and addresses that a command needs in addition to [`SYSTEM`].
 #[derive(Clone, Debug, Default)]
 pub struct Needs {
-    /// Files and folders to read; missing ones are ignored.
+    /// Files and folders to read. Missing files and folders are ignored.
     pub reads: Vec<PathBuf>,
     /// Folders to write.
     pub writes: Vec<PathBuf>,
-    /// Address at which counts are served.
+    /// Address at which the command serves its counts (option `--metrics`).
     pub serves: Option<SocketAddr>,
 }
 
 impl Needs {
-    /// Returns the needs of the nets: the folder of the models and that of the runtime.
+    /// Returns the paths that nets need: the folder of the models and the folder of ONNX Runtime.
     pub fn of_nets(models: Option<&Path>) -> Self {
         let runtime = find_runtime().ok().and_then(|library| Some(library.parent()?.to_path_buf()));
         Self { reads: find_models(models).ok().into_iter().chain(runtime).collect(), ..Self::default() }
@@ -55,7 +58,9 @@ impl Needs {
         self
     }
 
-    /// Adds a folder to write, and makes it. A failure here shows again, with its message, at the first write.
+    /// Adds a folder to write, and creates it if it is missing.
+    ///
+    /// If the folder cannot be created, the first write to the folder reports the error.
     #[must_use]
     pub fn writing(mut self, folder: &Path) -> Self {
         let folder = if folder.as_os_str().is_empty() { Path::new(".") } else { folder };
@@ -64,14 +69,16 @@ impl Needs {
         self
     }
 
-    /// Adds the folder of a file to write.
+    /// Adds the folder that contains a file to write.
     #[must_use]
     pub fn writing_file(self, file: &Path) -> Self {
         self.writing(file.parent().unwrap_or(Path::new("")))
     }
 }
 
-/// Gives up all other access, for this thread and all threads that it starts. Call it before any other thread starts.
+/// Enters the sandbox: this thread, and all threads that it starts later, lose all access that `needs` does not list.
+///
+/// Call this function before any other thread starts.
 pub fn enter(needs: &Needs) {
     match restrict(needs) {
         Ok(RulesetStatus::FullyEnforced) => tracing::debug!("in a sandbox"),
@@ -118,7 +125,7 @@ mod tests {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
         let address = listener.local_addr().unwrap();
         let needs = Needs::default().reading([&input]).writing(&out);
-        // In a thread of its own, as the restriction is permanent.
+        // The test runs in a separate thread, because the restriction is permanent.
         let inside = std::thread::Builder::new().spawn(move || {
             let status = restrict(&needs).unwrap();
             if status == RulesetStatus::NotEnforced {

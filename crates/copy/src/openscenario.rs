@@ -81,6 +81,7 @@ fn object(vehicle: &Vehicle) -> Element {
         VehicleClass::Car => "car",
         VehicleClass::Truck => "truck",
         VehicleClass::Bus => "bus",
+        VehicleClass::Motorcycle => "motorbike",
     };
     let centre = Element::new("Center")
         .with("x", metres(vehicle.centre_m + vehicle.wheels.half_wheelbase_m))

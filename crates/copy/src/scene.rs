@@ -133,7 +133,7 @@ impl Vehicle {
         let dims_m = track.dims_m();
         let (shape, points) = match track.class {
             VehicleClass::Car => (track.shape, atlas.keypoints_in_car(&track.shape)),
-            VehicleClass::Truck | VehicleClass::Bus => scaled_van(atlas, dims_m),
+            VehicleClass::Truck | VehicleClass::Bus | VehicleClass::Motorcycle => scaled_van(atlas, dims_m),
         };
         let wheels = Wheels::of(&points);
         let ends_m = [-0.5, 0.5].map(|share| track.centre_m + share * dims_m[0]);

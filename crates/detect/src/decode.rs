@@ -6,8 +6,10 @@
 use ndarray::ArrayView3;
 use roadplane_base::VehicleClass;
 
-/// Vehicle classes in the order of the net's scores.
-pub(crate) const CLASSES: [VehicleClass; 3] = [VehicleClass::Car, VehicleClass::Truck, VehicleClass::Bus];
+/// Vehicle classes in the order of the net's scores. A net may lack the last one.
+pub(crate) const CLASSES: [VehicleClass; 4] = VehicleClass::ALL;
+/// Smallest number of classes of a net.
+pub(crate) const FEWEST_CLASSES: usize = 3;
 /// Number of bins in the distribution of a distance: 0…10 cells.
 pub(crate) const BINS: usize = 11;
 
@@ -24,7 +26,7 @@ pub(crate) struct Candidate {
 /// Returns the boxes of one output level, in px from the top-left corner of the net's input. A cell gives a box if its
 /// best score is at least `min_score`.
 ///
-/// `scores` has the shape [3, rows, columns]: one score for each class. `bins` has the shape [44, rows, columns]: 11
+/// `scores` has the shape [classes, rows, columns]: one score for each class. `bins` has the shape [44, rows, columns]: 11
 /// logits for each of left, top, right, bottom.
 pub(crate) fn candidates(
     scores: &ArrayView3<'_, f32>,

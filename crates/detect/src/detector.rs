@@ -2,10 +2,10 @@
 
 use image::RgbImage;
 use ndarray::{Array4, Axis, Ix4};
-use roadplane_base::{CarRecord, Frame};
+use roadplane_base::{CarRecord, Frame, VehicleClass};
 use roadplane_infer::{Dim, NamedTensor, Session};
 
-use crate::decode::{BINS, CLASSES, Candidate, candidates};
+use crate::decode::{BINS, CLASSES, Candidate, FEWEST_CLASSES, candidates};
 use crate::merge::{Found, merge};
 use crate::resample::{Part, input};
 use crate::tiles::{cuts, tiles};
@@ -53,8 +53,13 @@ impl Detector {
         if card.inputs.len() != 1 || channels(input) != Some(3) {
             return Err(unsuitable("it needs one input image [batch, 3, height, width]".to_owned()));
         }
+        let classes = card.extra.get("classes").and_then(|classes| classes.as_array());
+        let classes: Vec<_> = classes.into_iter().flatten().filter_map(|name| name.as_str()).collect();
+        if classes.len() < FEWEST_CLASSES || !CLASSES.map(VehicleClass::name).starts_with(&classes) {
+            return Err(unsuitable("its classes must be car, truck, bus and perhaps motorcycle".to_owned()));
+        }
         for stride in STRIDES_PX {
-            for (kind, expected) in [("scores", CLASSES.len()), ("bins", 4 * BINS)] {
+            for (kind, expected) in [("scores", classes.len()), ("bins", 4 * BINS)] {
                 let name = format!("{kind}_{stride}");
                 let shape = card.output(&name).map(|spec| spec.shape.as_slice());
                 if channels(shape) != Some(expected) {
@@ -63,11 +68,6 @@ impl Detector {
                     )));
                 }
             }
-        }
-        let classes = card.extra.get("classes").and_then(|classes| classes.as_array());
-        let names = classes.map(|names| names.iter().filter_map(|name| name.as_str()).collect::<Vec<_>>());
-        if names.as_deref() != Some(&["car", "truck", "bus"]) {
-            return Err(unsuitable("its classes must be car, truck, bus".to_owned()));
         }
         Ok(Self { session, options })
     }

@@ -1,13 +1,12 @@
 //! Positions of cameras and vehicles on the map.
 //!
-//! A [`Site`] is given by the user: surveyed points in the picture, or the position and bearing of the camera. With the
-//! camera that was estimated from vehicles it gives a [`Place`], which converts positions of vehicles to map
-//! coordinates.
+//! The user gives a [`Site`]: surveyed points in the picture, or the position and bearing of the camera. A [`Place`]
+//! combines the site with the camera that a run estimated. It converts positions of vehicles to map coordinates.
 //!
 //! # Contents
 //! - `site.rs`, `survey.rs`: the user's input.
 //! - `solve.rs`: the camera and its position on the map, estimated together.
-//! - `place.rs`: vehicles on the map.
+//! - `place.rs`: map positions of vehicles.
 //! - `utm.rs`: UTM coordinates.
 
 #![deny(missing_docs)]

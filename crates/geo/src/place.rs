@@ -1,4 +1,4 @@
-//! The position and bearing of a camera on the map, and the vehicles that it sees.
+//! The position and bearing of a camera on the map, and the map positions of vehicles.
 
 use std::fmt;
 
@@ -11,18 +11,18 @@ use crate::solve::Solved;
 use crate::survey::SurveyPoint;
 use crate::utm::UtmZone;
 
-/// Largest residual of a point that agrees with the other points, in sds.
+/// Largest residual of a point, in sds. A point with a larger residual contradicts the other points or the camera.
 const CONTRADICTION_SDS: f64 = 3.0;
-/// Largest χ² of the change of the camera by the survey: 99 % of χ² with four degrees of freedom. Beyond it the camera
-/// or the points are wrong.
+/// Limit for the χ² of the camera's change by the survey: the 99 % quantile with four degrees of freedom. A larger
+/// value means that the camera or the points are wrong.
 const CAMERA_CHI2: f64 = 13.3;
-/// Distance ahead of a vehicle to the second point that gives its bearing, m.
+/// Distance from a vehicle to a point straight ahead, m. These two points give the bearing of the vehicle on the map.
 const AHEAD_M: f64 = 0.5;
 
 /// The position and bearing of a camera on the map.
 #[derive(Clone, Debug)]
 pub struct Place {
-    /// UTM zone of its coordinates.
+    /// UTM zone of the map coordinates.
     pub zone: UtmZone,
     /// Summary of the fit, as it is written to `place.json`.
     pub fit: Fit,
@@ -36,27 +36,28 @@ pub struct Fit {
     pub zone: String,
     /// Latitude and longitude of the point below the camera, degrees, WGS 84.
     pub camera_at: [f64; 2],
-    /// East and north of the point below the camera in the zone, m.
+    /// Easting and northing of the point below the camera in the UTM zone, m.
     pub camera_utm_m: [f64; 2],
-    /// sds of east and north, m.
+    /// Sds of easting and northing, m.
     pub camera_sd_m: [f64; 2],
-    /// Bearing of the viewing direction, degrees clockwise from the zone's north.
+    /// Bearing of the viewing direction, degrees clockwise from the grid north of the UTM zone.
     pub bearing_deg: f64,
-    /// sd of the bearing, degrees.
+    /// Sd of the bearing, degrees.
     pub bearing_sd_deg: f64,
-    /// Focal length with the survey as evidence, px.
+    /// Focal length, refined by the survey, px.
     pub focal_px: f64,
-    /// sd of the focal length, px.
+    /// Sd of the focal length, px.
     pub focal_sd_px: f64,
-    /// Height with the survey as evidence, m.
+    /// Height of the camera above the ground, refined by the survey, m.
     pub height_m: f64,
-    /// sd of the height, m.
+    /// Sd of the height, m.
     pub height_sd_m: f64,
-    /// Metres on the map per metre in the world of the camera without the survey, at the point below the camera.
+    /// Metres on the map per metre in the run's world frame, at the point below the camera. The run's world frame does
+    /// not use the survey.
     pub scale: f64,
-    /// Residual of each point, east and north, m: the fitted position minus the surveyed one.
+    /// Residual of each point (easting, northing), m: the fitted position minus the surveyed position.
     pub residuals_m: Vec<[f64; 2]>,
-    /// Contradictions between points and camera.
+    /// Warnings about points that contradict the camera or the other points.
     pub warnings: Vec<String>,
 }
 
@@ -86,7 +87,7 @@ impl Place {
     /// Estimates the position of a camera from three or more surveyed points.
     ///
     /// # Errors
-    /// A message about the points, if they do not fit UTM, the camera or each other.
+    /// Returns a message if UTM does not cover the points, or if no position fits the points and the camera.
     pub fn from_points(camera: &CameraEstimate, points: &[SurveyPoint]) -> Result<Self, String> {
         let first = points.first().ok_or("no points")?;
         let zone = UtmZone::around(first.latitude, first.longitude)?;
@@ -100,12 +101,13 @@ impl Place {
         Ok(place)
     }
 
-    /// Returns the place of a camera from its latitude and longitude and its bearing (degrees clockwise from grid north).
+    /// Creates a place from the camera's position on the map and its bearing.
     ///
-    /// Its height remains that of the run.
+    /// `at` is the latitude and longitude, degrees. `bearing_deg` is clockwise from grid north, degrees. The height of
+    /// the camera stays as the run estimated it.
     ///
     /// # Errors
-    /// A message, if UTM does not cover the position or the covariance of the camera is singular.
+    /// Returns a message if UTM does not cover the position, or if the covariance of the camera is singular.
     pub fn from_camera(camera: &CameraEstimate, at: [f64; 2], bearing_deg: f64) -> Result<Self, String> {
         let zone = UtmZone::around(at[0], at[1])?;
         let solved =
@@ -120,8 +122,10 @@ impl Place {
         CameraEstimate { params: self.solved.camera(), covariance, ..camera.clone() }
     }
 
-    /// Returns the position of the ground at a pixel, east and north, m, with its covariance (m²) from camera, place
-    /// and click; `None` at or above the horizon.
+    /// Returns the map position of the ground at a pixel (easting and northing, m), and its covariance (m²).
+    ///
+    /// The covariance includes the errors of the camera, of its map position and of the pixel. Returns `None` if the
+    /// pixel lies at or above the horizon.
     #[must_use]
     pub fn utm_from_pixel(&self, pixel: [f64; 2]) -> Option<(Vector2<f64>, Matrix2<f64>)> {
         let point = SurveyPoint::on_ground(pixel);
@@ -130,13 +134,14 @@ impl Place {
         Some((self.solved.place_of(&point)?, covariance + seen.click))
     }
 
-    /// Returns the map position of a vehicle with this pose on the ground of the camera's world.
+    /// Returns the map position of a vehicle. `pose` is its pose in the world frame of `camera`.
     ///
-    /// The measurement is a pixel. The position is therefore projected into the picture with `camera`, and back to the
-    /// ground with the refined camera. `own_sd_m`: sds of its x and y without the camera's share, m.
+    /// The actual measurement is a pixel. Therefore `camera` projects the position into the picture, and the refined
+    /// camera projects the pixel to the ground. `own_sd_m` contains the sds of the vehicle's x and y without the
+    /// camera's error, m.
     ///
     /// # Errors
-    /// A message, if the position has no latitude and longitude.
+    /// Returns a message if the position has no latitude and longitude.
     pub fn on_map(
         &self,
         pose: &GroundPose,
@@ -163,19 +168,20 @@ impl Place {
         })
     }
 
-    /// Returns the map position of a row of a finished run, whose sds include the camera's share.
+    /// Returns the map position of the vehicle in a row of a finished run. The sds in the row include the camera's
+    /// error.
     ///
     /// # Errors
-    /// A message, if the position has no latitude and longitude.
+    /// Returns a message if the position has no latitude and longitude.
     pub fn of_row(&self, row: &TrackRow, camera: &CameraEstimate) -> Result<OnMap, String> {
         let shared = camera_share(camera, &Vector2::new(row.x_m, row.y_m));
         let own = [row.x_sd_m.powi(2) - shared.m11, row.y_sd_m.powi(2) - shared.m22];
         self.on_map(&row.pose(), own.map(|variance| variance.max(0.0).sqrt()), camera)
     }
 
-    /// Returns the map position of a ground point of the run, m, and its covariance by camera and place, m².
+    /// Returns the map position of a ground point (m), and its covariance due to the errors of camera and site (m²).
     ///
-    /// Ground that the camera cannot see is rotated, scaled and shifted.
+    /// `ground` is in the run's world frame, m. A point that the camera cannot see is only rotated, scaled and shifted.
     fn of_ground(&self, ground: &Vector2<f64>, camera: &CameraEstimate) -> (Vector2<f64>, Matrix2<f64>) {
         let through = pixel_of(camera, ground).and_then(|point| {
             let j = self.solved.seen_point(&point)?.by_params;
@@ -199,7 +205,7 @@ impl Place {
             if sds > CONTRADICTION_SDS {
                 let metres = residual.norm();
                 self.fit.warnings.push(format!(
-                    "point {} lies {metres:.2} m ({sds:.1} sd) from where the others and the camera put it",
+                    "point {} lies {metres:.2} m ({sds:.1} sd) away from its fitted position",
                     i + 1
                 ));
             }
@@ -212,15 +218,16 @@ impl Place {
     }
 }
 
-/// Returns the pixel at which a camera sees a point of its ground; `None` behind the camera.
+/// Returns the pixel at which a camera sees a ground point, or `None` for a point behind the camera.
 fn pixel_of(camera: &CameraEstimate, ground: &Vector2<f64>) -> Option<SurveyPoint> {
     let in_camera = camera.params.plane().camera_from_world() * Point3::new(ground.x, ground.y, 0.0);
     let view = camera.camera();
     Some(SurveyPoint::on_ground(view.pixel_from_camera(&in_camera.coords)?.into()))
 }
 
-/// Returns the share of the camera in the covariance of a ground position in the run's world, m²; zero if the camera
-/// has no finite covariance.
+/// Returns the covariance of a ground position due to the camera's error alone, m².
+///
+/// The position is in the run's world frame. The result is zero if the camera has no finite covariance.
 fn camera_share(camera: &CameraEstimate, ground: &Vector2<f64>) -> Matrix2<f64> {
     let seen = pixel_of(camera, ground).and_then(|point| Solved::of_camera(camera).seen_point(&point));
     match seen {
@@ -285,7 +292,7 @@ mod tests {
         CameraParams { log_focal: 1200f64.ln(), tilt: 0.3, roll: 0.02, log_height: 7f64.ln() }
     }
 
-    /// Points of the ground at the map positions of a true place.
+    /// Returns points on the ground at these pixels, with exact map positions.
     fn survey(pixels: &[[f64; 2]]) -> Vec<SurveyPoint> {
         let truth = Place::from_camera(&camera(params(), 0.01), AT, BEARING).unwrap();
         let point = |pixel: &[f64; 2]| {
@@ -362,7 +369,7 @@ mod tests {
             }))
             .unwrap()
         };
-        // One in view, one behind the camera.
+        // The first pair of vehicles is in view, and the second pair is behind the camera.
         for (a, b) in [(row(3.0, 20.0), row(-4.0, 30.0)), (row(1.0, -5.0), row(2.0, -9.0))] {
             let [at_a, at_b] = [&a, &b].map(|row| place.of_row(row, &camera).unwrap());
             let apart = (at_a.east_m - at_b.east_m).hypot(at_a.north_m - at_b.north_m);
@@ -379,7 +386,7 @@ mod tests {
         let place = Place::from_points(&wrong, &survey(&PIXELS)).unwrap();
         let refined = place.refined(&wrong);
         assert!(refined.covariance[(3, 3)] < wrong.covariance[(3, 3)] / 4.0);
-        // The same pixel, in the world of either camera.
+        // The same pixel gives one position in the world frame of each camera.
         let pixel = Vector2::new(700.0, 500.0);
         let on_map = |camera: &CameraEstimate| {
             let view = camera.camera();
@@ -388,7 +395,7 @@ mod tests {
         };
         let (a, b) = (on_map(&wrong), on_map(&refined));
         assert!((a.east_m - b.east_m).hypot(a.north_m - b.north_m) < 1e-6);
-        // The refined world is the map, rotated and shifted.
+        // The world frame of the refined camera is the map, rotated and shifted.
         let foot = Vector2::from(place.fit.camera_utm_m);
         let far =
             place.on_map(&GroundPose { x_m: 3.0, y_m: 20.0, heading_rad: 0.0 }, [0.0; 2], &refined).unwrap();
@@ -413,7 +420,7 @@ mod tests {
             "bbox_px": [0.0, 0.0, 9.0, 9.0], "score": 0.9, "observed": true,
         }))
         .unwrap();
-        // Looking north, x is east and y is north.
+        // The camera views north, so x is east and y is north.
         let at = place.of_row(&row, &camera).unwrap();
         assert!((at.east_sd_m - row.x_sd_m).abs() < 1e-4, "{} {}", at.east_sd_m, row.x_sd_m);
         assert!((at.north_sd_m - row.y_sd_m).abs() < 1e-4, "{} {}", at.north_sd_m, row.y_sd_m);

@@ -7,22 +7,22 @@ use crate::{Place, SurveyPoint, UtmZone};
 /// The position of a camera on the map, as given by the user.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Site {
-    /// Three or more surveyed points in its picture.
+    /// Three or more surveyed points in the camera's picture.
     Points(Vec<SurveyPoint>),
     /// The position and bearing of the camera.
     Camera {
         /// Latitude and longitude, degrees, WGS 84.
         at: [f64; 2],
-        /// Bearing of its viewing direction, degrees clockwise from grid north of its UTM zone.
+        /// Bearing of the camera's viewing direction, degrees clockwise from the grid north of the UTM zone.
         bearing_deg: f64,
     },
 }
 
 impl Site {
-    /// Checks the numbers of the site, before any camera is estimated.
+    /// Checks the numbers of the site. The check needs no estimated camera.
     ///
     /// # Errors
-    /// A message that names the wrong number.
+    /// Returns a message that names the wrong number.
     pub fn check(&self) -> Result<(), String> {
         match self {
             Self::Points(points) if points.len() < 3 => {
@@ -44,10 +44,10 @@ impl Site {
         }
     }
 
-    /// Returns the place of a camera. Surveyed points refine the camera.
+    /// Returns the position and bearing of a camera on the map. Surveyed points also refine the camera's parameters.
     ///
     /// # Errors
-    /// A message, if the site is wrong or contradicts the camera.
+    /// Returns a message if the site is wrong or contradicts the camera.
     pub fn place(&self, camera: &CameraEstimate) -> Result<Place, String> {
         self.check()?;
         match self {

@@ -1,22 +1,27 @@
-//! Joint estimate of a camera and its position on the map. A survey is evidence on focal length, tilt and height too.
+//! Estimates a camera and its position on the map together. Surveyed points also give information on the camera's
+//! parameters.
 //!
 //! The unknowns are `p = (log focal, tilt, roll, log height, turn, east, north)`. The run's estimate is the prior of
-//! the first four. The ground at a pixel lies at `R(turn) · g(pixel; camera) + (east, north)`, where `g` is the point
-//! at which its viewing ray meets the plane. The errors are those of the pixel, propagated to the ground, and of the
-//! survey. The solver is Gauss–Newton.
+//! the first four unknowns. `(east, north)` is the map position of the point below the camera. `turn` is the angle of
+//! the rotation R from the camera's world frame to the map.
+//!
+//! Let g be the point of the world frame at which the viewing ray of a pixel meets the ground plane. Its map position
+//! is `R(turn) · g + (east, north)`. Two errors contribute to the residual: the pixel's error, propagated to the
+//! ground, and the survey's error. The solver is Gauss–Newton.
 
 use nalgebra::{Matrix2, Matrix4, Rotation2, SMatrix, SVector, Vector2, Vector4};
 use roadplane_base::{Camera, CameraEstimate, CameraParams, GroundPlane, Similarity};
 
 use crate::SurveyPoint;
 
-/// sd of a click on a point, px.
+/// Sd of the pixel that the user marks for a point, px.
 const PIXEL_SD: f64 = 1.5;
-/// sd of a surveyed position, m.
+/// Sd of a surveyed position, m.
 const SURVEY_SD_M: f64 = 0.15;
-/// sd of the prior of each camera parameter if the run has no estimate of it.
+/// Prior sd of each camera parameter if the run could not estimate the camera.
 const WIDE_SD: f64 = 1.0;
-/// sd that is added to the prior of each camera parameter: the narrowest prior.
+/// Smallest prior sd of each camera parameter. Its square is added to the variance, which may be 0 for a parameter that
+/// the user gave.
 const GIVEN_SD: f64 = 1e-5;
 /// Largest number of Gauss–Newton steps.
 const STEPS: usize = 50;
@@ -30,7 +35,7 @@ pub(crate) type Params = SVector<f64, 7>;
 /// Covariance of the unknowns.
 pub(crate) type Covariance = SMatrix<f64, 7, 7>;
 
-/// Camera and position on the map, with their covariance.
+/// A camera and its position on the map, with their covariance.
 #[derive(Clone, Debug)]
 pub(crate) struct Solved {
     /// Values of the unknowns.
@@ -43,21 +48,24 @@ pub(crate) struct Solved {
 
 /// Uncertainty of the map position of a point in the picture.
 pub(crate) struct SeenPoint {
-    /// Derivatives of its map position by the unknowns.
+    /// Derivatives of the map position with respect to the unknowns.
     pub by_params: SMatrix<f64, 2, 7>,
-    /// Covariance of its map position that the error of the click causes, m².
+    /// Covariance of the map position due to the error of the pixel, m².
     pub click: Matrix2<f64>,
 }
 
 impl SeenPoint {
-    /// Returns the inverse covariance of click and survey, 1/m².
+    /// Returns the inverse covariance of a point's residual, 1/m². It combines the errors of the pixel and of the
+    /// survey.
     pub fn weight(&self) -> Option<Matrix2<f64>> {
         (self.click + Matrix2::identity() * SURVEY_SD_M.powi(2)).try_inverse()
     }
 }
 
 impl Solved {
-    /// Estimates camera and position from the run's camera and from points that lie at `targets` (east and north, m).
+    /// Estimates a camera and its map position from the run's camera and surveyed points.
+    ///
+    /// `targets` contains the map positions of the points (easting and northing, m).
     pub fn from_points(
         camera: &CameraEstimate,
         points: &[SurveyPoint],
@@ -90,7 +98,9 @@ impl Solved {
         Ok(solved)
     }
 
-    /// Returns the run's camera at an exact position (east and north of the point below it, m) and turn (rad).
+    /// Returns the run's camera at an exact position and turn on the map.
+    ///
+    /// The position is that of the point below the camera (easting and northing, m). The turn is in rad.
     pub fn from_camera(camera: &CameraEstimate, turn: f64, [east, north]: [f64; 2]) -> Result<Self, String> {
         let mut solved = Self::of_camera(camera);
         solved.params.fixed_rows_mut::<3>(4).copy_from_slice(&[turn, east, north]);
@@ -100,7 +110,7 @@ impl Solved {
         Ok(solved)
     }
 
-    /// Returns the run's camera in the run's own world, without covariance.
+    /// Returns the run's camera in the run's own world frame, with a covariance of zero.
     pub fn of_camera(camera: &CameraEstimate) -> Self {
         let mut params = Params::zeros();
         params.fixed_rows_mut::<4>(0).copy_from(&camera.params.to_vector());
@@ -112,17 +122,21 @@ impl Solved {
         CameraParams::from_vector(&self.params.fixed_rows::<4>(0).into_owned())
     }
 
-    /// Returns the point below the camera, east and north, m.
+    /// Returns the map position of the point below the camera (easting and northing, m).
     pub fn foot(&self) -> Vector2<f64> {
         self.params.fixed_rows::<2>(5).into_owned()
     }
 
-    /// Returns the map position of a point in the picture, east and north, m; `None` at or above the horizon.
+    /// Returns the map position of a point in the picture (easting and northing, m).
+    ///
+    /// Returns `None` if the point lies at or above the horizon.
     pub fn place_of(&self, point: &SurveyPoint) -> Option<Vector2<f64>> {
         Some(self.seen_from_foot(&self.params, point)? + self.foot())
     }
 
-    /// Returns the uncertainty of the map position of a point in the picture; `None` at or above the horizon.
+    /// Returns the uncertainty of the map position of a point in the picture.
+    ///
+    /// Returns `None` if the point lies at or above the horizon.
     pub fn seen_point(&self, point: &SurveyPoint) -> Option<SeenPoint> {
         let mut by_params = SMatrix::<f64, 2, 7>::zeros();
         for i in 0..5 {
@@ -147,24 +161,26 @@ impl Solved {
         Some(SeenPoint { by_params, click: by_pixel * by_pixel.transpose() * PIXEL_SD.powi(2) })
     }
 
-    /// Returns the χ² of the change of the camera by the survey, with four degrees of freedom.
+    /// Returns the χ² of the difference between this camera and the run's camera. It has four degrees of freedom.
     pub fn camera_chi2(&self, camera: &CameraEstimate) -> f64 {
         let away = self.camera().to_vector() - camera.params.to_vector();
         away.dot(&(prior_information(camera) * away))
     }
 
-    /// Returns a point's position relative to the point below the camera, m. Small numbers keep differences exact.
+    /// Returns the map position of a point relative to the point below the camera, m.
+    ///
+    /// These numbers are small, so their differences are computed exactly.
     fn seen_from_foot(&self, params: &Params, point: &SurveyPoint) -> Option<Vector2<f64>> {
         let camera = CameraParams::from_vector(&params.fixed_rows::<4>(0).into_owned());
         let ground = camera.plane();
-        // A point above the ground lies on a plane that is closer to the camera.
+        // A point above the ground lies on a parallel plane that is closer to the camera.
         let plane = GroundPlane { height_m: ground.height_m - point.height_m, ..ground };
         let camera = Camera { focal_px: camera.focal_px(), ..self.view };
         let at = plane.world_from_pixel(&camera, &Vector2::from(point.pixel));
         at.filter(|_| plane.height_m > 0.0).map(|at| Rotation2::new(params[4]) * at)
     }
 
-    /// Returns the parameters after a Gauss–Newton step, which is halved until all points lie on the ground.
+    /// Returns the parameters after a Gauss–Newton step. The step is halved until all points lie below the horizon.
     fn stepped(&self, step: &Params, points: &[SurveyPoint]) -> Option<Params> {
         let candidates = (0..HALVINGS).map(|i| self.params - step / f64::from(1u32 << i));
         let all_seen = |params: Params| {
@@ -196,11 +212,11 @@ fn start(
     Ok(solved)
 }
 
-/// Returns the inverse covariance of the prior of the camera parameters.
+/// Returns the inverse covariance of the prior on the camera parameters.
 fn prior_information(camera: &CameraEstimate) -> Matrix4<f64> {
     let is_estimated = camera.covariance.iter().all(|v| v.is_finite());
     let covariance = if is_estimated { camera.covariance } else { Matrix4::identity() * WIDE_SD.powi(2) };
-    // Parameters given by the user have no variance.
+    // The variance of a parameter that the user gave may be 0.
     let given = Matrix4::identity() * GIVEN_SD.powi(2);
     (covariance + given).try_inverse().unwrap_or(Matrix4::identity() / WIDE_SD.powi(2))
 }

@@ -13,7 +13,7 @@ pub struct SurveyPoint {
     pub latitude: f64,
     /// Longitude, degrees, WGS 84.
     pub longitude: f64,
-    /// Height above the ground that vehicles drive on, m.
+    /// Height of the point above the ground on which vehicles drive, m.
     pub height_m: f64,
 }
 
@@ -27,7 +27,8 @@ impl SurveyPoint {
 /// Reads a file of points. A first line of column names is skipped.
 ///
 /// # Errors
-/// [`WriteError::Io`], or [`WriteError::Malformed`] with the number of the line.
+/// Returns [`WriteError::Io`] if the file cannot be read. Returns [`WriteError::Malformed`] with the number of the line
+/// if a line is wrong.
 pub fn read_points(path: &Path) -> Result<Vec<SurveyPoint>, WriteError> {
     let text = std::fs::read_to_string(path).map_err(|source| WriteError::Io {
         doing: "read",

@@ -3,7 +3,8 @@
 use proj4rs::Proj;
 use proj4rs::transform::transform;
 
-/// A UTM zone. Positions near it have coordinates in it too, so positions across its edge are not a special case.
+/// A UTM zone. Its coordinates are also valid for positions outside but near the zone, so the zone's edge needs no
+/// special case.
 #[derive(Clone, Debug)]
 pub struct UtmZone {
     number: i32,
@@ -13,12 +14,13 @@ pub struct UtmZone {
 }
 
 impl UtmZone {
-    /// Returns the zone of a position (degrees).
+    /// Returns the zone of a position, which is given in degrees (WGS 84).
     ///
-    /// The wider zones of Norway and Svalbard are not used, as each zone is valid beyond its edge.
+    /// The special, wider zones of Norway and Svalbard are not used. They are not needed, because each zone is valid
+    /// beyond its edge.
     ///
     /// # Errors
-    /// A message, if UTM does not cover the position.
+    /// Returns a message if UTM does not cover the position.
     pub fn around(latitude: f64, longitude: f64) -> Result<Self, String> {
         if !(latitude.abs() <= 84.0 && longitude.abs() <= 180.0) {
             return Err(format!(
@@ -29,10 +31,10 @@ impl UtmZone {
         Self::numbered(number, latitude < 0.0)
     }
 
-    /// Returns the zone with this number, 1–60, and hemisphere.
+    /// Returns the zone with this number, 1–60, in the southern or northern hemisphere.
     ///
     /// # Errors
-    /// A message, if there is no such zone.
+    /// Returns a message if there is no such zone.
     pub fn numbered(number: i32, south: bool) -> Result<Self, String> {
         let half = if south { " +south" } else { "" };
         let of = |text: &str| Proj::from_proj_string(text).map_err(|e| format!("UTM zone {number}: {e}"));
@@ -44,26 +46,26 @@ impl UtmZone {
         })
     }
 
-    /// Returns its name, such as `33N`.
+    /// Returns the name of the zone, such as `33N`.
     #[must_use]
     pub fn name(&self) -> String {
         format!("{}{}", self.number, if self.south { 'S' } else { 'N' })
     }
 
-    /// Returns east and north of a position, m.
+    /// Returns the easting and northing of a position, m.
     ///
     /// # Errors
-    /// A message, if the position is too far away.
+    /// Returns a message if the position is too far from the zone.
     pub fn from_degrees(&self, latitude: f64, longitude: f64) -> Result<[f64; 2], String> {
         let mut point = (longitude.to_radians(), latitude.to_radians(), 0.0);
         transform(&self.degrees, &self.metres, &mut point).map_err(|e| e.to_string())?;
         Ok([point.0, point.1])
     }
 
-    /// Returns latitude and longitude of a position, degrees.
+    /// Returns the latitude and longitude of a position, degrees.
     ///
     /// # Errors
-    /// A message, if the position is too far away.
+    /// Returns a message if the position is too far from the zone.
     pub fn to_degrees(&self, [east, north]: [f64; 2]) -> Result<[f64; 2], String> {
         let mut point = (east, north, 0.0);
         transform(&self.metres, &self.degrees, &mut point).map_err(|e| e.to_string())?;

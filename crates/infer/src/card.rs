@@ -1,4 +1,4 @@
-//! The model card: a net's inputs, its outputs and its file.
+//! The model card: a JSON file that describes a net's inputs, outputs and ONNX file.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -8,10 +8,10 @@ use serde_json::{Map, Value};
 
 use crate::error::{InferError, Refusal};
 
-/// The card schema that this code reads.
+/// Schema id of the cards that this code reads.
 pub const CARD_SCHEMA: &str = "roadplane.model-card/1";
 
-/// Largest card, bytes.
+/// Largest size of a card file, bytes.
 const MAX_CARD_BYTES: u64 = 1 << 20;
 
 /// One dimension of a tensor: a number, or a name for a size that the caller chooses.
@@ -20,11 +20,11 @@ const MAX_CARD_BYTES: u64 = 1 << 20;
 pub enum Dim {
     /// A constant size.
     Fixed(usize),
-    /// A size that the caller chooses; equal names mean equal sizes.
+    /// A size that the caller chooses. Dimensions with the same name must have the same size.
     Named(String),
 }
 
-/// Prints a dimension as the card writes it.
+/// Prints a dimension in the notation of the card.
 impl std::fmt::Debug for Dim {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         match self {
@@ -37,26 +37,26 @@ impl std::fmt::Debug for Dim {
 /// One input or output of a net.
 #[derive(Clone, Debug, PartialEq, Eq, Deserialize)]
 pub struct TensorSpec {
-    /// Name in the graph.
+    /// Name of the input or output in the ONNX graph.
     pub name: String,
-    /// Element type; only `f32` is supported.
+    /// Type of the numbers. Only `f32` is supported.
     pub dtype: String,
-    /// Its dimensions.
+    /// Dimensions of the tensor.
     pub shape: Vec<Dim>,
 }
 
-/// A net in another precision: a file of its own with the same inputs and outputs.
+/// A variant of a net in another precision. It is a separate file with the same inputs and outputs.
 #[derive(Clone, Debug, Deserialize)]
 pub struct Variant {
     /// Precision of the computation, such as `int8`.
     pub precision: String,
-    /// The ONNX file beside the card.
+    /// Name of the ONNX file, which lies in the card's folder.
     pub file: String,
-    /// sha256 of that file, hexadecimal.
+    /// sha256 of the ONNX file, hexadecimal.
     pub sha256: String,
-    /// Calibration of the variant, where it differs from the card's.
+    /// Calibration of the variant. If absent, the calibration of the card is used.
     pub calibration: Option<Map<String, Value>>,
-    /// All other entries of the card on the variant.
+    /// All other entries of the variant in the card.
     #[serde(flatten)]
     pub extra: Map<String, Value>,
 }
@@ -64,26 +64,26 @@ pub struct Variant {
 /// A model card (`models/<net>.card.json`).
 #[derive(Clone, Debug, Deserialize)]
 pub struct ModelCard {
-    /// [`CARD_SCHEMA`].
+    /// Schema id, which must be [`CARD_SCHEMA`].
     pub schema: String,
-    /// The net's name.
+    /// Name of the net.
     pub name: String,
-    /// The net's version; text or number.
+    /// Version of the net: a text or a number.
     pub version: Value,
-    /// The ONNX file beside the card.
+    /// Name of the ONNX file, which lies in the card's folder.
     pub file: String,
-    /// sha256 of that file, hexadecimal.
+    /// sha256 of the ONNX file, hexadecimal.
     pub sha256: String,
     /// Licence of the weights.
     pub licence: String,
-    /// The net's inputs.
+    /// Inputs of the net.
     pub inputs: Vec<TensorSpec>,
-    /// The net's outputs.
+    /// Outputs of the net.
     pub outputs: Vec<TensorSpec>,
-    /// Preparation of the pictures.
+    /// Parameters for the preparation of input pictures.
     #[serde(default)]
     pub preprocess: Map<String, Value>,
-    /// Numbers found after training that turn outputs into measurements.
+    /// Numbers that convert outputs to measurements. They are determined after the training.
     #[serde(default)]
     pub calibration: Map<String, Value>,
     /// Variants of the net in other precisions.
@@ -95,10 +95,10 @@ pub struct ModelCard {
 }
 
 impl ModelCard {
-    /// Reads a card.
+    /// Reads and checks a card.
     ///
     /// # Errors
-    /// [`InferError::ModelRefused`] with the reason.
+    /// Returns [`InferError::ModelRefused`] with the reason.
     pub fn read(path: &Path) -> Result<Self, InferError> {
         Self::read_checked(path)
             .map_err(|reason| InferError::ModelRefused { reason, path: path.to_path_buf() })
@@ -139,8 +139,9 @@ impl ModelCard {
         Ok(())
     }
 
-    /// Returns the card of this net in another precision: file, hash and calibration are the variant's. Returns `None`
-    /// if there is no such variant.
+    /// Returns the card of this net in another precision, or `None` if there is no such variant.
+    ///
+    /// The file, the hash and the calibration are those of the variant.
     #[must_use]
     pub fn in_precision(&self, precision: &str) -> Option<Self> {
         let variant = self.variants.iter().find(|variant| variant.precision == precision)?;
@@ -159,13 +160,13 @@ impl ModelCard {
         self.version.as_str().map_or_else(|| self.version.to_string(), str::to_owned)
     }
 
-    /// Returns the output with this name.
+    /// Returns the output with this name, if there is one.
     #[must_use]
     pub fn output(&self, name: &str) -> Option<&TensorSpec> {
         self.outputs.iter().find(|spec| spec.name == name)
     }
 
-    /// Returns the input with this name.
+    /// Returns the input with this name, if there is one.
     #[must_use]
     pub fn input(&self, name: &str) -> Option<&TensorSpec> {
         self.inputs.iter().find(|spec| spec.name == name)
@@ -173,7 +174,8 @@ impl ModelCard {
 }
 
 impl TensorSpec {
-    /// Whether a shape fits. `named` collects the sizes of the named dimensions; equal names must have equal sizes.
+    /// Whether the shape of a tensor agrees with the card. `named` collects the sizes of the named dimensions. The same
+    /// name must have the same size in all tensors.
     pub(crate) fn fits<'a>(&'a self, shape: &[usize], named: &mut BTreeMap<&'a str, usize>) -> bool {
         shape.len() == self.shape.len()
             && self.shape.iter().zip(shape).all(|(dim, &size)| match dim {
@@ -182,8 +184,10 @@ impl TensorSpec {
             })
     }
 
-    /// Whether a graph that declares these dimensions (negative: dynamic) fulfils the card. A fixed dimension of the
-    /// card may be dynamic in the graph (exporters lose sizes), never the other way round.
+    /// Whether the dimensions that a graph declares agree with the card. A negative dimension is dynamic.
+    ///
+    /// A fixed dimension of the card may be dynamic in the graph, because programs that export ONNX files may lose
+    /// sizes. A named dimension of the card must be dynamic in the graph.
     pub(crate) fn is_served_by(&self, declared: &[i64]) -> bool {
         declared.len() == self.shape.len()
             && self.shape.iter().zip(declared).all(|(dim, &size)| match dim {
@@ -193,13 +197,13 @@ impl TensorSpec {
     }
 }
 
-/// Reads a whole file up to a size limit.
+/// Reads a whole file. A file with more than `limit` bytes is refused.
 pub(crate) fn read_limited(path: &Path, limit: u64) -> Result<Vec<u8>, Refusal> {
     use std::io::Read as _;
 
     let file = std::fs::File::open(path)?;
     let mut bytes = Vec::new();
-    // One more byte than allowed is read, so that a file that is too large is detected whatever its metadata state.
+    // One byte more than the limit is read. So a file that is too large is detected even if its metadata are wrong.
     file.take(limit + 1).read_to_end(&mut bytes)?;
     if bytes.len() as u64 > limit {
         return Err(Refusal::TooLarge { bytes: bytes.len() as u64, limit });

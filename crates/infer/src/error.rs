@@ -1,4 +1,4 @@
-//! Errors of inference, by who is at fault.
+//! Errors of inference, sorted by their cause.
 
 use std::path::PathBuf;
 
@@ -7,7 +7,7 @@ use thiserror::Error;
 /// An inference error.
 #[derive(Debug, Error)]
 pub enum InferError {
-    /// The model or its card does not pass the checks; nothing was run.
+    /// The model or its card does not pass the checks. The model was not run.
     #[error("model refused: {reason}: {}", path.display())]
     ModelRefused {
         /// The reason for the refusal.
@@ -15,36 +15,36 @@ pub enum InferError {
         /// The path of the card or the model.
         path: PathBuf,
     },
-    /// ONNX Runtime is not in the searched places, or cannot be loaded.
+    /// ONNX Runtime was not found, or cannot be loaded.
     #[error("ONNX Runtime: {what}; run scripts/setup, or set ORT_DYLIB_PATH to libonnxruntime.so")]
     RuntimeMissing {
-        /// The attempts and their failures.
+        /// Description of the failed attempts.
         what: String,
     },
-    /// The configured provider cannot be used here.
+    /// The configured execution provider cannot be used on this machine.
     #[error("provider {provider} is not available: {what}")]
     ProviderUnavailable {
         /// The configured provider.
         provider: &'static str,
-        /// The reason.
+        /// Reason why the provider cannot be used.
         what: String,
     },
-    /// The net returned NaN or infinite numbers for this input; the session stays usable.
+    /// The net returned NaN or infinite numbers for this input. The session stays usable.
     #[error("{model} returned {count} numbers that are not finite in {output}")]
     NonFinite {
         /// Name of the model.
         model: String,
         /// Name of the output.
         output: String,
-        /// The number of non-finite values.
+        /// Number of values that are NaN or infinite.
         count: usize,
     },
-    /// The caller's tensors do not fit the card: a bug.
+    /// The caller's tensors do not agree with the card. This is a bug in the caller.
     #[error("{model} was given wrong tensors: {what}")]
     WrongInput {
         /// Name of the model.
         model: String,
-        /// A description of the mismatch.
+        /// Description of the disagreement.
         what: String,
     },
     /// The runtime failed while it ran a net that it had accepted.
@@ -69,15 +69,15 @@ pub enum Refusal {
     /// The card contains an impossible value.
     #[error("unsuitable card: {0}")]
     UnsuitableCard(String),
-    /// A file is larger than any model that this program runs.
+    /// A file is larger than the size limit for models or cards.
     #[error("{bytes} bytes are more than the {limit} allowed")]
     TooLarge {
-        /// Size of the file.
+        /// Number of bytes that were read. Reading stops one byte above the limit.
         bytes: u64,
-        /// Largest size allowed.
+        /// Largest allowed size, bytes.
         limit: u64,
     },
-    /// The file's hash differs from the card's.
+    /// The hash of the file differs from the hash in the card.
     #[error("sha256 is {found}, the card says {expected}")]
     WrongHash {
         /// The hash in the card.
@@ -94,7 +94,7 @@ pub enum Refusal {
     /// The runtime rejected the model.
     #[error("the runtime says: {0}")]
     Rejected(String),
-    /// The model's inputs or outputs differ from the card's.
+    /// The inputs or outputs of the model do not agree with the card.
     #[error("{0}")]
     Interface(String),
 }

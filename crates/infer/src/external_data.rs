@@ -1,12 +1,15 @@
-//! Finds tensors whose data lie outside the model file, by walking the protobuf (field numbers of `onnx.proto`). The
-//! runtime rejects many such models, but not all (a hard link passes), so this check rejects them all.
+//! Finds tensors whose data lie outside the model file.
+//!
+//! The check reads the fields of the protobuf message, with the field numbers of `onnx.proto`. The runtime rejects many
+//! models with outside data, but not all. For example, it accepts a hard link to the data. This check rejects all such
+//! models.
 
 use crate::error::Refusal;
 
-/// Deepest nesting of graphs in the attributes of nodes.
+/// Largest depth of nested protobuf messages that is accepted.
 const MAX_DEPTH: u32 = 32;
 
-/// The kinds of message on the path from a model to its tensors.
+/// The kinds of protobuf messages that can contain tensors, directly or in nested messages.
 #[derive(Clone, Copy)]
 enum Message {
     Model,
@@ -19,7 +22,7 @@ enum Message {
 }
 
 impl Message {
-    /// Returns the kind of message in a field; `None` for fields that cannot lead to a tensor.
+    /// Returns the kind of message in a field, or `None` if the field cannot contain a tensor.
     fn child(self, field: u64) -> Option<Self> {
         match (self, field) {
             (Self::Model, 7) => Some(Self::Graph),
@@ -81,7 +84,7 @@ impl<'a> Reader<'a> {
     }
 }
 
-/// Refuses models with a tensor stored elsewhere, and bytes that are no protobuf message.
+/// Returns an error if a tensor lies outside the file, or if the bytes are not a protobuf message.
 pub(crate) fn refuse_external_data(model: &[u8]) -> Result<(), Refusal> {
     walk(Message::Model, model, 0)
 }

@@ -1,17 +1,18 @@
-//! Runs every net through one session type: a model card, its ONNX file, ONNX Runtime.
+//! Runs neural nets with ONNX Runtime. A [`Session`] is a net that is loaded from its model card and its ONNX file.
 //!
-//! Nothing reaches the runtime unchecked. The file's sha256 is compared with the card's before the runtime reads a
-//! byte. Models that refer to data outside their file are refused. Names, types and shapes of inputs and outputs must
-//! equal the card's. Outputs with NaN or infinite numbers are an error, never a result.
+//! Every model is checked. Its sha256 is compared with the sha256 in the card before the runtime reads the model.
+//! Models that refer to data outside their file are refused. Names, types and shapes of inputs and outputs must agree
+//! with the card. An output with NaN or infinite numbers is an error.
 //!
-//! A card may also name an int8 file of its net ([`Variant`]). [`ProviderChoice::Auto`] chooses the fastest provider on
-//! this processor that keeps the net's accuracy, and logs the choice once.
+//! A card may also name an int8 file of its net ([`Variant`]). A [`Provider`] is the part of the runtime that computes
+//! the net. [`ProviderChoice::Auto`] chooses the fastest provider for this processor that keeps the net's accuracy. The
+//! choice is logged once.
 //!
 //! # Contents
 //! - `card.rs`: inputs, outputs and file of a net
-//! - `external_data.rs`: models that are refused
+//! - `external_data.rs`: finds models with data outside their file
 //! - `session.rs`: a loaded net
-//! - `runtime.rs`, `processor.rs`: the provider that computes it
+//! - `runtime.rs`, `processor.rs`: the choice of the provider
 
 mod card;
 mod error;

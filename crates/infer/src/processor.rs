@@ -1,19 +1,21 @@
-//! Detects the processor's instructions that nets profit from.
+//! Detects processor instructions that make nets faster.
 
 use std::sync::OnceLock;
 
-/// The instructions that decide how nets run fastest.
+/// The processor instructions that determine which execution provider is the fastest.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Processor {
-    /// Sums of products of bytes without intermediate saturation (VNNI). With them int8 nets are fast, and reproduce
-    /// the outputs with which their accuracy was measured.
+    /// Whether the processor has VNNI instructions, which sum products of bytes without intermediate saturation.
+    ///
+    /// With VNNI, int8 nets are fast. Their outputs are then the same as in the measurements of their accuracy.
     pub int8: bool,
-    /// Matrices of bf16 (AMX): with them OpenVINO in bf16 is faster than int8.
+    /// Whether the processor has AMX instructions, which multiply matrices in bf16. With AMX, OpenVINO in bf16 is
+    /// faster than int8.
     pub bf16_matrices: bool,
 }
 
 impl Processor {
-    /// Returns the instructions of this machine.
+    /// Returns the instructions that this machine's processor has.
     #[must_use]
     pub fn here() -> Self {
         static HERE: OnceLock<Processor> = OnceLock::new();

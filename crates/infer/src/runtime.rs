@@ -1,4 +1,4 @@
-//! Finds and loads ONNX Runtime, and chooses the provider.
+//! Finds and loads ONNX Runtime, and chooses the execution provider.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -14,43 +14,46 @@ use serde::{Deserialize, Serialize};
 use crate::error::InferError;
 use crate::processor::Processor;
 
-/// Path of the library that `scripts/setup` installs, from the top of the checkout.
+/// Path of the ONNX Runtime library that `scripts/setup` installs, relative to the root of the repository.
 pub const RUNTIME_LIBRARY: &str = ".runtime/libonnxruntime.so";
 
-/// Folder of the OpenVINO plug-in beside the runtime.
+/// Folder of the OpenVINO plug-in, inside the folder of the runtime's library.
 const OPENVINO_FOLDER: &str = "openvino";
 /// File name of the OpenVINO plug-in.
 const OPENVINO_LIBRARY: &str = "libonnxruntime_providers_openvino_plugin.so";
-/// Address space that a run with OpenVINO requires, bytes (measured: 2 GiB at 720p, 1 GiB without it).
+/// Address space that a run with OpenVINO requires, bytes. Measured values at 720p are 2 GiB with OpenVINO and 1 GiB
+/// without it.
 const OPENVINO_SPACE: u64 = 3 << 30;
-/// OpenVINO's name as an execution provider.
+/// Name of the OpenVINO execution provider in the runtime.
 pub(crate) const OPENVINO_NAME: &str = "OpenVINOExecutionProvider";
 
-/// The provider that the configuration requests.
+/// The execution provider that the configuration requests.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum ProviderChoice {
-    /// The fastest provider here that keeps the accuracy. That is OpenVINO in bf16 where the CPU has AMX and the
-    /// plug-in is installed, else int8 where it has VNNI, else f32.
+    /// The fastest provider on this machine that keeps the accuracy.
+    ///
+    /// It is OpenVINO in bf16 if the CPU has AMX and the plug-in is installed. Otherwise it is the CPU provider: in
+    /// int8 if the CPU has VNNI, and in f32 if not.
     #[default]
     Auto,
-    /// The runtime's own CPU provider, f32.
+    /// The runtime's own CPU provider, in f32.
     Cpu,
-    /// The runtime's own CPU provider on the nets' int8 files, or an error.
+    /// The runtime's own CPU provider with the nets' int8 files. If a net has no int8 file, loading it is an error.
     Int8,
-    /// The OpenVINO plug-in in bf16, or an error.
+    /// The OpenVINO plug-in in bf16. If the plug-in cannot be used, loading a net is an error.
     Openvino,
 }
 
-/// The provider that a session uses.
+/// The execution provider that a session uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Provider {
-    /// The runtime's own CPU provider, f32.
+    /// The runtime's own CPU provider, in f32.
     Cpu,
-    /// The runtime's own CPU provider on the net's int8 file.
+    /// The runtime's own CPU provider with the net's int8 file.
     Int8,
-    /// The OpenVINO plug-in with bf16 allowed (f32 where the CPU lacks it).
+    /// The OpenVINO plug-in in bf16. It computes in f32 if the CPU lacks bf16.
     OpenvinoBf16,
 }
 
@@ -64,7 +67,7 @@ impl fmt::Display for Provider {
     }
 }
 
-/// The runtime of this process. There is only one, because a loaded library cannot be exchanged.
+/// The loaded ONNX Runtime library of this process. There is only one, because a loaded library cannot be replaced.
 struct Runtime {
     environment: Environment,
     library: PathBuf,
@@ -73,16 +76,19 @@ struct Runtime {
 }
 
 static RUNTIME: Mutex<Option<Runtime>> = Mutex::new(None);
-/// The library that the search found: a process that has confined itself to a sandbox cannot search folders again.
+/// Path of the library, from the first search. It is stored because a process in a sandbox cannot search folders again.
 static FOUND: OnceLock<PathBuf> = OnceLock::new();
 
-/// Finds the runtime's library.
+/// Finds the library of ONNX Runtime.
 ///
-/// The candidates are, in this order: `explicit`, `ORT_DYLIB_PATH`, the library of the package `onnxruntime` in
-/// [`python_packages`], and [`RUNTIME_LIBRARY`] in a folder above the executable or above the current folder.
+/// The function tries these candidates in order:
+/// - the path `explicit`
+/// - the environment variable `ORT_DYLIB_PATH`
+/// - the Python package `onnxruntime` in the folders of [`python_packages`]
+/// - [`RUNTIME_LIBRARY`] in a folder above the executable or above the current folder
 ///
 /// # Errors
-/// [`InferError::RuntimeMissing`] with the candidates that failed.
+/// Returns [`InferError::RuntimeMissing`] with the candidates that failed.
 pub fn find_library(explicit: Option<&Path>) -> Result<PathBuf, InferError> {
     if let Some(path) = explicit {
         return existing(path, "the configured library");
@@ -106,8 +112,10 @@ pub fn find_library(explicit: Option<&Path>) -> Result<PathBuf, InferError> {
         })
 }
 
-/// Returns the folders of Python packages that belong to an executable which `pip` installed. For
-/// `PREFIX/bin/roadplane` these are `PREFIX/lib/python3*/site-packages` (`dist-packages` in Debian's own Python).
+/// Returns the folders of Python packages that belong to an executable installed by `pip`.
+///
+/// For `PREFIX/bin/roadplane`, the folders are `PREFIX/lib/python3*/site-packages`. Debian's own Python names them
+/// `dist-packages`.
 #[must_use]
 pub fn python_packages(executable: &Path) -> Vec<PathBuf> {
     let libraries = executable.parent().and_then(Path::parent).map(|prefix| prefix.join("lib"));
@@ -120,8 +128,9 @@ fn packaged_library(packages: &Path) -> Option<PathBuf> {
     entries(&packages.join("onnxruntime/capi"), "libonnxruntime.so").into_iter().next()
 }
 
-/// Returns the entries of a folder whose names begin with `beginning`, in order of name; none if the folder cannot be
-/// read.
+/// Returns the entries of a folder whose names begin with `beginning`, sorted by name.
+///
+/// The list is empty if the folder cannot be read.
 fn entries(folder: &Path, beginning: &str) -> Vec<PathBuf> {
     let named = |entry: &std::fs::DirEntry| entry.file_name().to_string_lossy().starts_with(beginning);
     let read = std::fs::read_dir(folder).into_iter().flatten().flatten();
@@ -141,10 +150,10 @@ fn existing(path: &Path, origin: &str) -> Result<PathBuf, InferError> {
     }
 }
 
-/// Returns version, build and path of the runtime, which is loaded if necessary.
+/// Returns the version, build and path of the runtime. The function loads the runtime if necessary.
 ///
 /// # Errors
-/// [`InferError::RuntimeMissing`] when it cannot be loaded.
+/// Returns [`InferError::RuntimeMissing`] if the runtime cannot be loaded.
 pub fn runtime_version(explicit: Option<&Path>) -> Result<String, InferError> {
     with_runtime(explicit, |runtime| Ok(format!("{} ({})", ort::info(), runtime.library.display())))
 }
@@ -170,7 +179,9 @@ fn with_runtime<T>(
     work(slot.insert(Runtime { environment, library, openvino_registered: false, is_logged: false }))
 }
 
-/// Forwards the runtime's messages to this program's log. Its warnings concern graph details, not users.
+/// Forwards the runtime's messages to this program's log.
+///
+/// The runtime's warnings are about details of graphs, so users see them only in the debug log.
 fn log(level: LogLevel, category: &str, _id: &str, _location: &str, message: &str) {
     match level {
         LogLevel::Error | LogLevel::Fatal => tracing::error!(category, "onnxruntime: {message}"),
@@ -178,7 +189,7 @@ fn log(level: LogLevel, category: &str, _id: &str, _location: &str, message: &st
     }
 }
 
-/// Returns the environment to open sessions in and their provider. The choice is logged once in a process.
+/// Returns the environment and the provider for new sessions. The choice of the provider is logged once per process.
 pub(crate) fn prepare(
     explicit: Option<&Path>,
     choice: ProviderChoice,
@@ -203,7 +214,7 @@ pub(crate) fn prepare(
     })
 }
 
-/// Returns the provider for a choice on a processor; `openvino` is whether OpenVINO can be used.
+/// Returns the provider for the configured choice on this processor. `openvino` is true if OpenVINO can be used.
 fn provider_for(choice: ProviderChoice, processor: Processor, openvino: bool) -> Provider {
     match choice {
         ProviderChoice::Openvino => Provider::OpenvinoBf16,
@@ -214,7 +225,7 @@ fn provider_for(choice: ProviderChoice, processor: Processor, openvino: bool) ->
     }
 }
 
-/// Describes the provider in one line, and names a faster one that is possible here.
+/// Describes the provider in one line, and names a faster provider if one is possible on this machine.
 fn description(
     choice: ProviderChoice,
     provider: Provider,
@@ -246,7 +257,7 @@ fn description(
     format!("{used}{more}")
 }
 
-/// Checks the limit of the address space: OpenVINO returns nonsense where it runs out of it.
+/// Checks the limit of the address space. If the limit is too small, OpenVINO returns wrong numbers.
 fn room_for_openvino() -> Result<(), String> {
     match getrlimit(Resource::As).current {
         Some(limit) if limit < OPENVINO_SPACE => {
@@ -270,13 +281,13 @@ fn register_openvino(runtime: &mut Runtime) -> Result<(), String> {
             .map_err(|error| format!("the plug-in cannot be loaded: {error}"))?;
         runtime.openvino_registered = true;
     }
-    // On processors of other makers the plug-in loads but offers no device.
+    // On processors of other makers, the plug-in can be loaded but offers no device.
     openvino_cpu(&runtime.environment)
         .map(|_| ())
         .ok_or_else(|| "the plug-in offers no CPU device".to_owned())
 }
 
-/// Returns the plug-in's CPU device.
+/// Returns the CPU device of the OpenVINO plug-in, if there is one.
 pub(crate) fn openvino_cpu(environment: &Environment) -> Option<Device<'_>> {
     environment.devices().find(|device| {
         device.ep().is_ok_and(|ep| ep == OPENVINO_NAME) && device.hardware_device().ty() == DeviceType::CPU

@@ -20,7 +20,7 @@ use crate::runtime::{OPENVINO_NAME, Provider, ProviderChoice, openvino_cpu, prep
 
 /// Name of the runtime's own execution provider.
 const CPU_NAME: &str = "CPUExecutionProvider";
-/// Largest model file, bytes.
+/// Largest size of a model file, bytes.
 const MAX_MODEL_BYTES: u64 = 512 << 20;
 
 /// Options for opening a session.
@@ -28,9 +28,10 @@ const MAX_MODEL_BYTES: u64 = 512 << 20;
 pub struct SessionOptions {
     /// The requested provider.
     pub provider: ProviderChoice,
-    /// Number of threads within one run; several sessions of one thread are faster than one session of several.
+    /// Number of threads that one run of the net uses. Several sessions with one thread each are faster than one
+    /// session with several threads.
     pub threads: usize,
-    /// Path of the runtime's library; `None` searches for it (see [`crate::find_library`]).
+    /// Path of the library of ONNX Runtime. If `None`, [`crate::find_library`] searches for it.
     pub library: Option<PathBuf>,
 }
 
@@ -40,27 +41,27 @@ impl Default for SessionOptions {
     }
 }
 
-/// A tensor as input of a net.
+/// An input tensor of a net.
 #[derive(Clone, Debug)]
 pub struct NamedTensor<'a> {
-    /// The input's name.
+    /// Name of the input.
     pub name: &'a str,
-    /// The input's values; they are copied only if they are not contiguous.
+    /// Values of the input. They are copied only if they are not contiguous.
     pub values: ArrayViewD<'a, f32>,
 }
 
-/// The outputs of a run by name, in the runtime's own memory, which is freed when this is dropped.
+/// The outputs of one run of a net, by name. The runtime owns their memory and frees it when this object is dropped.
 #[derive(Debug)]
 pub struct Outputs(Vec<(Arc<str>, Value<TensorValueType<f32>>)>);
 
 impl Outputs {
-    /// Copies an output; `None` if the card has no output with this name.
+    /// Copies an output. Returns `None` if the card has no output with this name.
     #[must_use]
     pub fn take(&self, name: &str) -> Option<ArrayD<f32>> {
         self.get(name).map(|view| view.to_owned())
     }
 
-    /// Borrows an output; `None` if the card has no output with this name.
+    /// Borrows an output. Returns `None` if the card has no output with this name.
     #[must_use]
     pub fn get(&self, name: &str) -> Option<ArrayViewD<'_, f32>> {
         self.0.iter().find(|(of, _)| &**of == name).map(|(_, value)| value.extract_array())
@@ -81,8 +82,8 @@ impl Session {
     /// Opens the net whose card is at `card_path`.
     ///
     /// # Errors
-    /// [`InferError::ModelRefused`] when the card or the model fails a check, [`InferError::RuntimeMissing`] and
-    /// [`InferError::ProviderUnavailable`] when the net cannot be run here.
+    /// Returns [`InferError::ModelRefused`] if the card or the model fails a check. Returns
+    /// [`InferError::RuntimeMissing`] or [`InferError::ProviderUnavailable`] if the net cannot run on this machine.
     pub fn open(card_path: &Path, options: &SessionOptions) -> Result<Self, InferError> {
         let card = ModelCard::read(card_path)?;
         let (environment, wanted) = prepare(options.library.as_deref(), options.provider)?;
@@ -109,7 +110,7 @@ impl Session {
         Ok(Self { inner, card, output_names, provider, net_s: 0.0 })
     }
 
-    /// Returns the card that the net was checked against; file, hash and calibration are those of the variant in use.
+    /// Returns the card of the net. Its file, hash and calibration are those of the variant in use.
     #[must_use]
     pub fn card(&self) -> &ModelCard {
         &self.card
@@ -121,8 +122,9 @@ impl Session {
         self.provider
     }
 
-    /// Returns the processor time that the calling threads have spent inside the runtime, s. With one thread a session,
-    /// it is all of the net's time.
+    /// Returns the processor time that the calling threads have spent inside the runtime, s.
+    ///
+    /// If the session has one thread, this is the processor time of the whole net.
     #[must_use]
     pub fn net_s(&self) -> f64 {
         self.net_s
@@ -131,8 +133,8 @@ impl Session {
     /// Runs the net once.
     ///
     /// # Errors
-    /// [`InferError::WrongInput`] unless the tensors fit the card, [`InferError::NonFinite`] when the net returns NaN
-    /// or infinite numbers, [`InferError::Failed`] when the runtime fails.
+    /// Returns [`InferError::WrongInput`] if the tensors do not agree with the card. Returns [`InferError::NonFinite`]
+    /// if the net returns NaN or infinite numbers. Returns [`InferError::Failed`] if the runtime fails.
     pub fn run(&mut self, inputs: &[NamedTensor<'_>]) -> Result<Outputs, InferError> {
         let Self { inner, card, output_names, net_s, .. } = self;
         let wrong = |what: String| InferError::WrongInput { model: card.name.clone(), what };
@@ -190,7 +192,9 @@ fn thread_cpu_s() -> f64 {
     time.tv_sec as f64 + time.tv_nsec as f64 * 1e-9
 }
 
-/// Counts the numbers that are NaN or infinite, by their bits in blocks, which compilers turn into vector instructions.
+/// Counts the numbers that are NaN or infinite.
+///
+/// The function tests the bits of the numbers in blocks. Compilers turn such a loop into vector instructions.
 fn not_finite(numbers: &[f32]) -> usize {
     const EXPONENT: u32 = 0x7f80_0000;
     let in_block = |block: &[f32]| -> u32 {
@@ -199,7 +203,9 @@ fn not_finite(numbers: &[f32]) -> usize {
     numbers.chunks(1 << 16).map(|block| in_block(block) as usize).sum()
 }
 
-/// Returns the card of the file that a provider needs. Without an int8 file, [`ProviderChoice::Auto`] keeps f32.
+/// Returns the card of the file that the wanted provider needs, and the provider.
+///
+/// If there is no int8 file, [`ProviderChoice::Auto`] falls back to f32.
 fn chosen_file(
     card: ModelCard,
     card_path: &Path,
@@ -225,7 +231,7 @@ fn chosen_file(
     Ok((card, Provider::Cpu))
 }
 
-/// Reads the model's bytes, and checks that they match the card and contain all their data.
+/// Reads a model file. Checks its sha256, and that no data of the model lie outside the file.
 fn verified_bytes(card: &ModelCard, path: &Path) -> Result<Vec<u8>, Refusal> {
     let bytes = read_limited(path, MAX_MODEL_BYTES)?;
     let found: String = Sha256::digest(&bytes).iter().map(|byte| format!("{byte:02x}")).collect();
@@ -294,7 +300,7 @@ fn with_openvino(
     builder.with_devices([device], Some(&options)).map_err(|e| e.to_string())
 }
 
-/// Compares the graph's declared inputs or outputs with the card's.
+/// Checks that the inputs or outputs that the graph declares agree with the card.
 fn check_interface(kind: &str, specs: &[TensorSpec], outlets: &[Outlet]) -> Result<(), Refusal> {
     let fail = |what: String| Err(Refusal::Interface(what));
     let found: Vec<&str> = outlets.iter().map(Outlet::name).collect();

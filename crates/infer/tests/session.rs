@@ -1,4 +1,5 @@
-//! Tests a tiny net (`tests/fixtures/make.py`): whole, and damaged in every way that a session must detect.
+//! Tests sessions with a tiny net from `tests/fixtures/make.py`: intact, and with each kind of damage that a session
+//! must detect.
 
 #![allow(clippy::unwrap_used, clippy::panic)] // the helpers below are test code, too
 use std::path::{Path, PathBuf};
@@ -23,7 +24,7 @@ fn card_text(model: &[u8]) -> String {
     )
 }
 
-/// Creates a folder with a model and a card, which need not fit.
+/// Creates a folder with a model and a card. The two need not agree.
 fn folder_with(model: &[u8], card: &str) -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     std::fs::write(folder.path().join("log.onnx"), model).unwrap();
@@ -152,7 +153,8 @@ fn a_missing_library_is_an_error_that_says_what_to_do() {
     assert!(find_library(Some(Path::new("."))).is_err());
 }
 
-/// Returns the card of the fixture with an int8 file of this name and the hash of these bytes.
+/// Returns the card of the tiny net with an additional int8 file: its name is `file`, and its hash is that of
+/// `hash_of`.
 fn with_variant(file: &str, hash_of: &[u8], more: &str) -> String {
     let sha256: String = Sha256::digest(hash_of).iter().map(|b| format!("{b:02x}")).collect();
     let variant = format!(r#"{{"precision": "int8", "file": "{file}", "sha256": "{sha256}"{more}}}"#);
@@ -167,7 +169,7 @@ fn open_as(provider: ProviderChoice, card: &str, int8: Option<&[u8]>) -> Result<
     Session::open(&card_path, &SessionOptions { provider, ..SessionOptions::default() })
 }
 
-/// The provider that `auto` chooses where a card has an int8 file.
+/// Returns the provider that `auto` chooses on this machine if a card has an int8 file.
 fn automatic() -> Provider {
     let here = Processor::here();
     if here.int8 && !here.bf16_matrices { Provider::Int8 } else { Provider::Cpu }
@@ -176,7 +178,7 @@ fn automatic() -> Provider {
 #[test]
 fn the_int8_file_is_chosen_where_it_is_fast_and_never_for_f32() {
     let calibration = r#", "calibration": {"a": 2}"#;
-    // An equal net with another producer's name.
+    // The same net with the name of another producer, so its hash differs.
     let int8 = [LOG, &[0x12, 1, b'q']].concat();
     let card = with_variant("log.int8.onnx", &int8, calibration);
     let mut session = open_as(ProviderChoice::Int8, &card, Some(&int8)).unwrap();

@@ -1,8 +1,9 @@
 //! Measures the cost of the keypoint net: `cargo run --release -p roadplane-keypoints --example speed --
 //! [auto|cpu|int8|openvino]`.
 //!
-//! It prints the CPU time of the whole process per crop at batch 8, so all threads of the provider count; one thread is
-//! requested. The time is the median of several runs. GFLOP come from the net's card.
+//! The program prints the CPU time per crop, at a batch size of 8. It is the time of the whole process, with all
+//! threads of the provider, although one thread is requested. The printed time is the median of several runs. The
+//! number of GFLOP comes from the net's card.
 
 use std::path::Path;
 
@@ -12,7 +13,7 @@ use roadplane_infer::{NamedTensor, ProviderChoice, Session, SessionOptions};
 const BATCH: usize = 8;
 const RUNS: usize = 25;
 
-/// CPU seconds of this process.
+/// Returns the CPU time of this process so far, s.
 fn cpu_seconds() -> Result<f64, Box<dyn std::error::Error>> {
     let mut total = 0.0;
     for task in std::fs::read_dir("/proc/self/task")? {

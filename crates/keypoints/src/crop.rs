@@ -1,4 +1,4 @@
-//! The square crop that the net sees, and the mapping between its pixels and the frame's.
+//! The square crop that the net reads, and the conversion between pixels of the crop and pixels of the frame.
 
 use image::RgbImage;
 use nalgebra::{Matrix2, Vector2};
@@ -11,8 +11,9 @@ const OUTSIDE: f32 = 0.5;
 
 /// A square of the frame that is resampled to [`CROP_PX`] × [`CROP_PX`].
 ///
-/// Crop pixel u ↔ frame `x = centre + ((u + 0.5) / CROP_PX − 0.5) · side`; pixel (0, 0) is the centre of the top-left
-/// pixel in both. A mirrored crop has its columns in reverse.
+/// Column u of the crop lies at `x = centre + ((u + 0.5) / CROP_PX − 0.5) · side` in the frame. Rows follow the same
+/// formula. In the crop and in the frame, (0, 0) is the centre of the top-left pixel. A mirrored crop has its columns
+/// in reverse order.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SquareCrop {
     /// Centre in the frame, px.
@@ -24,7 +25,8 @@ pub struct SquareCrop {
 }
 
 impl SquareCrop {
-    /// Returns the crop of a box (left, top, right, bottom), whose side is `context` times the box's longer side.
+    /// Returns the crop around a box (left, top, right, bottom, px). Its side is `context` times the longer side of the
+    /// box.
     #[must_use]
     pub fn around([x0, y0, x1, y1]: [f64; 4], context: f64) -> Self {
         Self {
@@ -51,7 +53,7 @@ impl SquareCrop {
         self.centre_px + from_centre * self.scale()
     }
 
-    /// Converts a covariance in the crop (px²) to the frame (px²).
+    /// Converts a covariance from pixels of the crop (px²) to pixels of the frame (px²).
     #[must_use]
     pub fn covariance_in_frame(&self, mut crop_px2: Matrix2<f64>) -> Matrix2<f64> {
         if self.mirrored {
@@ -61,8 +63,10 @@ impl SquareCrop {
         crop_px2 * (self.scale() * self.scale())
     }
 
-    /// Resamples the crop into planes R, G, B of `CROP_PX²` values in 0–1 (`out.len() == 3 · CROP_PX²`). Enlarging is
-    /// bilinear, shrinking is an area average.
+    /// Resamples the crop into `out`: planes R, G and B, each with `CROP_PX²` values from 0 to 1.
+    ///
+    /// `out` must have the length `3 · CROP_PX²`. A crop that is enlarged is resampled bilinearly. A crop that is
+    /// reduced is resampled by area averages.
     pub fn sample_into(&self, image: &RgbImage, out: &mut [f32]) {
         let mut columns = Taps::new(self.centre_px.x, self.side_px, image.width());
         if self.mirrored {
@@ -104,7 +108,8 @@ impl SquareCrop {
     }
 }
 
-/// For each crop pixel along one axis: the frame pixels that contribute to it, with weights that sum to at most 1.
+/// Weights of the resampling along one axis. Each crop pixel has a list of the frame pixels that contribute to it. The
+/// weights of a list sum to at most 1.
 struct Taps {
     of_pixel: Vec<Vec<(usize, f32)>>,
 }
@@ -116,8 +121,8 @@ impl Taps {
         let of_pixel = (0..CROP_PX)
             .map(|u| {
                 let middle = centre_px + ((u as f64 + 0.5) / CROP_PX as f64 - 0.5) * side_px;
-                // The weight is the overlap with a box one crop pixel wide. For enlarging, a box one frame pixel wide
-                // is bilinear.
+                // The weight is the overlap between the frame pixel and an interval that is one crop pixel wide. If the
+                // crop is enlarged, the interval is one frame pixel wide, which is bilinear.
                 let reach = scale.max(1.0) / 2.0;
                 let (from, to) = (middle - reach, middle + reach);
                 let mut taps = Vec::new();

@@ -3,29 +3,32 @@
 use nalgebra::{Matrix2, Vector2};
 use serde::Deserialize;
 
-/// Cells on each side of the peak that contribute to the mean and the covariance.
+/// Number of heatmap cells on each side of the peak that contribute to the mean and the covariance.
 const WINDOW_CELLS: isize = 3;
 
-/// Upper limit of the prior's share in a location. The code divides by 1 − share, so a share near 1 would amplify
-/// noise.
+/// Upper limit of the share that the prior may have in a location. The code divides by 1 − share, so a share near 1
+/// would amplify noise.
 const LARGEST_PRIOR_SHARE: f64 = 0.5;
 
-/// Constants that turn a peak into a measurement with a calibrated covariance: `calibration` of the net's card.
+/// Constants that convert a peak of a heatmap to a measurement with a calibrated covariance.
+///
+/// They are stored under `calibration` in the net's card. The unit "crop px" is a pixel of the crop that the net reads.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Calibration {
-    /// `a` of the covariance `S = a² V² + b²`, 1 / crop px; `V` is the heatmap's variance.
+    /// Constant `a` in the covariance `S = a² V² + b²` of the net's mean, 1 / crop px. `V` is the variance of the peak,
+    /// crop px².
     pub sd_per_variance: f64,
-    /// `b` of that covariance, crop px.
+    /// Constant `b` in the covariance `S = a² V² + b²`, crop px. It is the smallest sd.
     pub sd_floor_crop_px: f64,
-    /// Mean location of visible keypoints in rendered crops like those of the training, crop px.
+    /// Mean location of visible keypoints in rendered crops, which are similar to the training data, crop px.
     pub prior_mean_crop_px: Vector2<f64>,
-    /// Standard deviation of those locations in x and y, crop px.
+    /// Standard deviation of the locations of visible keypoints in such crops, in x and y, crop px.
     pub prior_sd_crop_px: Vector2<f64>,
 }
 
 impl Calibration {
-    /// Whether all numbers are finite and the standard deviations positive.
+    /// Whether all numbers are finite. All numbers except the mean location must also be positive.
     #[must_use]
     pub fn is_sound(&self) -> bool {
         let (mean, sd) = (self.prior_mean_crop_px, self.prior_sd_crop_px);
@@ -33,11 +36,12 @@ impl Calibration {
         positive.iter().all(|v| v.is_finite() && *v > 0.0) && mean.iter().all(|v| v.is_finite())
     }
 
-    /// Returns the measurement behind a peak's mean `m` (crop px) and variance `V` (crop px²).
+    /// Returns the measurement that explains a peak with the mean m (crop px) and the variance V (crop px²).
     ///
-    /// A trained net returns the mean of a posterior. The prior `c, P` of its crops draws that mean towards the middle.
-    /// Without a correction, cars would come out smaller, and farther away, than they are. The measurement that
-    /// explains the posterior is `c + (1 − S P⁻¹)⁻¹ (m − c)`, with covariance `(S⁻¹ − P⁻¹)⁻¹`.
+    /// A trained net returns the mean m of a posterior distribution. The prior over all crops has the mean c and the
+    /// covariance P. This prior shifts m towards c, the middle of the crop. Without a correction, cars would appear
+    /// smaller and farther away than they are. With the posterior covariance `S = a² V² + b²`, the measurement is
+    /// `c + (1 − S P⁻¹)⁻¹ (m − c)`. Its covariance is `(S⁻¹ − P⁻¹)⁻¹`.
     #[must_use]
     pub fn measurement(&self, mean: Vector2<f64>, variance: Matrix2<f64>) -> Peak {
         let sd = Matrix2::from_diagonal(&self.prior_sd_crop_px);
@@ -57,14 +61,14 @@ impl Calibration {
     }
 }
 
-/// Decodes a net's heatmaps; see `ARCHITECTURE.md`, "Keypoint net".
+/// Converts heatmaps of the keypoint net to locations (see "Keypoint net" in `docs/book/developers/architecture.md`).
 #[derive(Clone, Debug, PartialEq)]
 pub struct HeatmapDecoder {
     /// Side of the heatmap, cells.
     pub cells: usize,
     /// Crop pixels per heatmap cell.
     pub stride_px: f64,
-    /// Constants that turn a peak into a measurement.
+    /// Constants that convert a peak to a measurement.
     pub calibration: Calibration,
 }
 
@@ -78,15 +82,17 @@ pub struct Peak {
 }
 
 impl HeatmapDecoder {
-    /// Decodes the keypoint of `logits` (`cells × cells`, row by row). Returns `None` if there is no largest logit (all
-    /// NaN).
+    /// Returns the location of a keypoint from its heatmap. `logits` contains `cells × cells` numbers, row by row.
+    ///
+    /// Returns `None` if no logit is finite.
     #[must_use]
     pub fn decode(&self, logits: &[f32]) -> Option<Peak> {
         let (mean, variance) = self.moments(logits)?;
         Some(self.calibration.measurement(mean, variance))
     }
 
-    /// Returns mean (crop px) and variance (crop px²) of the softmax of `logits` within a window around its peak.
+    /// Returns the mean (crop px) and the variance (crop px²) of the softmax of `logits`, within a window around the
+    /// peak.
     fn moments(&self, logits: &[f32]) -> Option<(Vector2<f64>, Matrix2<f64>)> {
         let (peak, top) = logits.iter().enumerate().filter(|(_, v)| v.is_finite()).fold(
             None,
@@ -177,7 +183,8 @@ mod tests {
         assert_eq!(&serde_json::from_str::<Calibration>(&whole).unwrap(), sound);
     }
 
-    /// A heatmap of `tests/data/decoding.json` with its expected results, which also test the Python side.
+    /// A heatmap in `tests/data/decoding.json` with its expected results. The tests of the Python code use the same
+    /// file.
     #[derive(Deserialize)]
     struct Case {
         name: String,

@@ -1,12 +1,13 @@
-//! Locates 36 keypoints of each car, each with a score and a covariance, by a stacked hourglass
-//! (`models/hourglass.md`).
+//! Locates the 36 keypoints of each car with a stacked hourglass net (`models/hourglass.md`).
+//!
+//! Each keypoint has a score and a covariance.
 //!
 //! # Contents
 //! ```text
-//! Schedule       which cars are due                                                 (schedule.rs)
-//! → SquareCrop   the part of the picture that the net sees, and the mapping back    (crop.rs)
-//! → KeypointNet  crops in batches → heatmaps, visibilities                          (net.rs)
-//! → Calibration  heatmap → location with covariance, the net's prior removed        (heatmap.rs)
+//! Schedule       the cars on which the net runs in a frame                      (schedule.rs)
+//! → SquareCrop   the part of the picture that the net reads                     (crop.rs)
+//! → KeypointNet  crops in batches → heatmaps, visibilities                      (net.rs)
+//! → Calibration  heatmap → location with covariance, without the net's prior    (heatmap.rs)
 //! ```
 
 mod crop;

@@ -1,25 +1,27 @@
-//! Schedules the cars for the keypoint net. A moving car is observed as often as its trajectory needs. A stationary car
-//! is observed until more observations would hardly improve their mean, and rarely after that.
+//! Selects the cars on which the keypoint net runs in each frame. A run of the net on a car is an observation.
+//!
+//! A moving car is observed as often as its trajectory needs. A stationary car is observed often at first. It is
+//! observed rarely as soon as more observations would hardly improve the mean.
 
 use nalgebra::Vector2;
 use roadplane_base::{CarRecord, CarRef, FrameRecord, WatchRecord, bbox_centre, bbox_iou, bbox_moved};
 
-/// Number of consecutive observations of a stationary car. Bias makes up most of the error (0.6 of the sd), so more
-/// than a dozen observations improve their mean by only a few per cent.
+/// Number of observations of a stationary car before they become rarer. Most of the error is a bias (0.6 of the sd).
+/// Therefore more than a dozen observations improve the mean by only a few per cent.
 const FIRST_OBSERVATIONS: u32 = 12;
-/// Number of observations up to which [`NEXT_S`] applies.
+/// Number of observations up to which the interval [`NEXT_S`] applies.
 const NEXT_OBSERVATIONS: u32 = 24;
-/// Interval of the observations after the first [`FIRST_OBSERVATIONS`], s.
+/// Interval between observations after the first [`FIRST_OBSERVATIONS`], s.
 const NEXT_S: f64 = 2.0;
-/// Interval of the observations after [`NEXT_OBSERVATIONS`], s.
+/// Interval between observations after the first [`NEXT_OBSERVATIONS`], s.
 const LATER_S: f64 = 5.0;
-/// Largest displacement of the box's centre of a stationary car, as a share of the box's diagonal.
+/// Largest displacement of the box centre of a stationary car, as a share of the box's diagonal.
 const STILL: f64 = 0.03;
-/// Least overlap of a stationary car with its box in the last observation, intersection over union.
+/// Smallest intersection over union between the current box of a stationary car and its box in the last observation.
 const SAME: f64 = 0.7;
-/// Least overlap of a moving car with its last box, intersection over union.
+/// Smallest intersection over union between the current box of a moving car and its previous box.
 const FOLLOWS: f64 = 0.3;
-/// Time without a detection after which a car is forgotten, s.
+/// Time without a detection after which a car is removed from the schedule, s.
 const FORGOTTEN_S: f64 = 3.0;
 
 /// The decision for a car in a frame.
@@ -27,47 +29,48 @@ const FORGOTTEN_S: f64 = 3.0;
 pub(crate) enum Decision {
     /// The net runs on the car.
     Observe,
-    /// The car keeps the pose of this observation.
+    /// The car keeps the pose of this earlier observation.
     CarryOver(CarRef),
-    /// This observation was so recent that another one would add nothing.
+    /// The net does not run on the car, because this earlier observation is too recent.
     Wait(CarRef),
-    /// The car gets no pose: the net does not suit it, or the frame is not inspected.
+    /// The car gets no pose, because the net does not suit the car or does not run on the frame.
     Skip,
 }
 
-/// An observed car; boxes in px of the frame at rest.
+/// An observed car. Its boxes are in px, corrected for camera shake.
 #[derive(Clone, Debug)]
 struct ObservedCar {
     /// Box in the last observation.
     bbox_px: [f64; 4],
     /// Box in the last frame in which the car was detected.
     found_px: [f64; 4],
-    /// That observation.
+    /// Last observation of the car.
     observation: CarRef,
-    /// Time of that observation, s.
+    /// Time of the last observation, s.
     observed_s: f64,
-    /// Number of observations in this position.
+    /// Number of observations in the current position.
     observations: u32,
-    /// Time of that frame, s.
+    /// Time of the last frame in which the car was detected, s.
     found_s: f64,
 }
 
-/// The schedule's state from frame to frame.
+/// The schedule of one clip, with the cars that were observed so far.
 #[derive(Clone, Debug)]
 pub struct Schedule {
-    /// Least number of frames between two observations of a car.
+    /// Smallest number of frames between two observations of a car.
     every: u64,
     cars: Vec<ObservedCar>,
 }
 
 impl Schedule {
-    /// Creates a schedule before the first frame; a car is observed at most once in `every` frames of the input.
+    /// Creates the schedule of a new clip. A car is observed at most once in `every` frames of the input.
     #[must_use]
     pub fn new(every: u64) -> Self {
         Self { every, cars: Vec::new() }
     }
 
-    /// Decides for every car of a frame, in the order of time. `fits` returns whether the net suits a car.
+    /// Returns the decision for every car of a frame. Frames must come in the order of time. `fits` returns whether the
+    /// net suits a car.
     pub(crate) fn decisions(
         &mut self,
         frame: &FrameRecord,

@@ -6,33 +6,34 @@ use crate::statistics::sorted_quantile;
 
 /// Number of resamples.
 const RESAMPLES: usize = 1000;
-/// Seed of the resampling. The same data give the same interval.
+/// Seed of the random numbers. It is fixed, so the same data always give the same interval.
 const SEED: u64 = 0x5eed;
 
-/// A statistic with its 95 % interval.
+/// A statistic with its 95 % confidence interval.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
-    /// The statistic of the data; NaN without data.
+    /// Value of the statistic for the data. It is NaN if there are no data.
     pub value: f64,
     /// 2.5 % quantile of the resampled statistic.
     pub low: f64,
     /// 97.5 % quantile of the resampled statistic.
     pub high: f64,
-    /// Number of values (not of scenes).
+    /// Number of values. It is not the number of scenes.
     pub n: usize,
 }
 
 impl Estimate {
-    /// Returns the estimate in another unit, such as a share in per cent.
+    /// Returns the estimate in another unit: `factor` multiplies the value and the interval.
     #[must_use]
     pub fn scaled(self, factor: f64) -> Self {
         Self { value: self.value * factor, low: self.low * factor, high: self.high * factor, n: self.n }
     }
 }
 
-/// Returns a statistic of the values of all scenes, with its interval over resampled scenes.
+/// Returns a statistic of the values of all scenes, with its 95 % confidence interval.
 ///
-/// An infinite value, such as that of a missed car, is an ordinary value.
+/// Each entry of `scenes` contains the values of one scene. Values may be infinite, for example the error of a missed
+/// car.
 #[must_use]
 pub fn bootstrap(scenes: &[Vec<f64>], statistic: impl Fn(&[f64]) -> f64) -> Estimate {
     let n = scenes.iter().map(Vec::len).sum();
@@ -42,9 +43,9 @@ pub fn bootstrap(scenes: &[Vec<f64>], statistic: impl Fn(&[f64]) -> f64) -> Esti
     })
 }
 
-/// Returns a statistic of scenes, with its interval over resampled scenes. `n` is the number of values.
+/// Returns a statistic of scenes, with its 95 % confidence interval. `n` is the number of values.
 ///
-/// One scene alone has no interval: `low` and `high` are NaN.
+/// With fewer than two scenes there is no interval: `low` and `high` are NaN.
 #[must_use]
 pub fn bootstrap_scenes<T>(scenes: &[T], n: usize, statistic: impl Fn(&[&T]) -> f64) -> Estimate {
     let all: Vec<&T> = scenes.iter().collect();
@@ -64,8 +65,9 @@ pub fn bootstrap_scenes<T>(scenes: &[T], n: usize, statistic: impl Fn(&[&T]) -> 
     Estimate { value, low: sorted_quantile(&resampled, 0.025), high: sorted_quantile(&resampled, 0.975), n }
 }
 
-/// Returns a random number in 0..n by SplitMix64 (Steele et al. 2014). As n is far below 2³², the bias is far below
-/// 1e-9.
+/// Returns a random number from 0 to n − 1 by SplitMix64 (Steele et al. 2014).
+///
+/// The bias is far below 1e-9, because n is far below 2³².
 fn below(state: &mut u64, n: usize) -> usize {
     *state = state.wrapping_add(0x9e37_79b9_7f4a_7c15);
     let mut z = *state;
@@ -82,13 +84,13 @@ mod tests {
 
     #[test]
     fn the_interval_of_a_mean_has_the_width_of_theory() {
-        // 400 scenes with one value each, alternating 0 and 1: sd of the mean is 0.5 / √400 = 0.025.
+        // Each of 400 scenes has one value, alternately 0 and 1. The sd of the mean is 0.5 / √400 = 0.025.
         let scenes: Vec<Vec<f64>> = (0..400).map(|i| vec![f64::from(i % 2)]).collect();
         let estimate = bootstrap(&scenes, mean);
         assert_eq!((estimate.value, estimate.n), (0.5, 400));
         assert!((estimate.high - estimate.low - 2.0 * 1.96 * 0.025).abs() < 0.01, "{estimate:?}");
         assert_eq!(bootstrap(&scenes, mean), estimate);
-        // Ten copies of each value in its scene add no information.
+        // If each scene contains ten copies of its value, there is no more information.
         let copied: Vec<Vec<f64>> = scenes.iter().map(|scene| vec![scene[0]; 10]).collect();
         let same = bootstrap(&copied, mean);
         assert_eq!((same.low, same.high), (estimate.low, estimate.high));

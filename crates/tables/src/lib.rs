@@ -3,7 +3,7 @@
 //! # Contents
 //! ```text
 //! statistics.rs   mean, median, quantile, share within a limit: NaN without values; infinite values are allowed
-//! bootstrap.rs    a statistic with its 95 % interval over scenes → Estimate
+//! bootstrap.rs    a statistic with its 95 % confidence interval over scenes → Estimate
 //! table.rs        Table of Cells: aligned text, CSV, HTML
 //! plot.rs         Plot: curves and dots as SVG
 //! report.rs       Report: tables, plots and pictures → report.html, tables.txt, one CSV file per table
@@ -13,7 +13,8 @@
 //! ```
 //! use roadplane_tables::{Column, Report, Table, bootstrap, median};
 //!
-//! // Errors of two cars in one scene and of one in another. Scenes are resampled, as their errors are correlated.
+//! // Errors of two cars in one scene and of one car in another scene. Errors within a scene are correlated, so whole
+//! // scenes are resampled.
 //! let scenes = [vec![0.2, 0.3], vec![0.5]];
 //! let mut table = Table::new("Position", "", vec![Column::new("system", 0), Column::new("median error, m", 2)]);
 //! table.rows.push(vec!["ours".into(), bootstrap(&scenes, median).into()]);

@@ -1,10 +1,10 @@
-//! Plots as plain SVG text: deterministic, without external fonts or scripts.
+//! Plots as SVG text. The text is deterministic and uses no external fonts or scripts.
 
 use crate::html::escape;
 
 /// Width and height of a plot, px.
 const SIZE: (f64, f64) = (520.0, 340.0);
-/// Margins to the left, above, to the right and below the axes, px.
+/// Margins around the axes, px: left, top, right, bottom.
 const ROOM: (f64, f64, f64, f64) = (58.0, 34.0, 16.0, 46.0);
 /// Colours that colour-blind readers can distinguish (Okabe & Ito 2008).
 const COLOURS: [&str; 7] = ["#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#333333"];
@@ -16,35 +16,35 @@ const LINE: f64 = 17.0;
 /// A plot of one or more series.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plot {
-    /// Title.
+    /// Title of the plot.
     pub title: String,
     /// Label of the x axis, with the unit.
     pub x_label: String,
     /// Label of the y axis, with the unit.
     pub y_label: String,
-    /// Series in the order of drawing.
+    /// Series, in the order in which they are drawn.
     pub series: Vec<Series>,
-    /// Both ends of the y axis; `None`: from 0 or the smallest negative value to the largest value.
+    /// Lowest and highest value on the y axis. If `None`, the axis includes 0 and all values.
     pub y_range: Option<[f64; 2]>,
 }
 
-/// One curve or cloud of points.
+/// A series of a plot: one curve or one cloud of points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Series {
     /// Name in the legend.
     pub name: String,
     /// Points (x, y), all finite.
     pub points: Vec<(f64, f64)>,
-    /// Style of drawing.
+    /// Style in which the series is drawn.
     pub mark: Mark,
 }
 
-/// The style of a series.
+/// The style in which a series is drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mark {
     /// A line with a dot at each point.
     Line,
-    /// A line.
+    /// A line without dots.
     Curve,
     /// A thin dashed line, for reference values.
     Reference,
@@ -53,7 +53,7 @@ pub enum Mark {
 }
 
 impl Plot {
-    /// Creates a plot without series. The y axis follows from the points.
+    /// Creates a plot without series. The range of the y axis is `None`.
     #[must_use]
     pub fn new(title: impl Into<String>, x_label: impl Into<String>, y_label: impl Into<String>) -> Self {
         Self {
@@ -65,7 +65,7 @@ impl Plot {
         }
     }
 
-    /// Adds a series. Points that are not finite are left out.
+    /// Adds a series. Points with coordinates that are not finite are left out.
     #[must_use]
     pub fn with(mut self, name: impl Into<String>, mark: Mark, points: Vec<(f64, f64)>) -> Self {
         let points = points.into_iter().filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
@@ -73,7 +73,7 @@ impl Plot {
         self
     }
 
-    /// Returns the plot as SVG; an empty string without points.
+    /// Returns the plot as SVG text, or an empty string if there are no points.
     #[must_use]
     pub fn to_svg(&self) -> String {
         let points = || self.series.iter().flat_map(|s| &s.points);
@@ -84,7 +84,7 @@ impl Plot {
         let y_axis = Axis::around(points().map(|p| p.1), self.y_range);
         let (width, height) = SIZE;
         let (left, top, right, bottom) = ROOM;
-        // The legend is below the plot, where it covers nothing.
+        // The legend is below the axes, so it does not cover the data.
         let columns = if self.series.iter().all(|s| s.name.chars().count() <= 28) { 2 } else { 1 };
         let whole = height + LINE * self.series.len().div_ceil(columns) as f64 + 6.0;
         let at = |(x, y): (f64, f64)| {
@@ -176,7 +176,7 @@ impl Axis {
         let found = [values.clone().fold(0.0, f64::min), values.fold(f64::NEG_INFINITY, f64::max)];
         let [low, high] = range.unwrap_or(found);
         let high = if high > low { high } else { low + 1.0 };
-        // The step is 1, 2 or 5 times a power of ten, for about MARKS tick marks.
+        // The step is 1, 2 or 5 times a power of ten, chosen to give about MARKS tick marks.
         let rough = (high - low) / MARKS;
         let power = 10f64.powf(rough.log10().floor());
         let step = [1.0, 2.0, 5.0, 10.0].map(|k| k * power).into_iter().find(|s| *s >= rough * 0.999);
@@ -229,7 +229,7 @@ mod tests {
     fn points_agree_with_the_axes() {
         let plot = Plot { y_range: Some([0.0, 100.0]), ..Plot::new("a < b", "x", "y") };
         let svg = plot.with("one", Mark::Line, vec![(0.0, 0.0), (1.0, 100.0), (f64::INFINITY, 3.0)]).to_svg();
-        // The left and bottom end of the axes, then the right and top end.
+        // The first point is the bottom left corner of the axes, and the second is the top right corner.
         assert!(svg.contains("points=\"58.0,294.0 504.0,34.0\""), "{svg}");
         assert!(svg.contains("a &lt; b") && svg.ends_with("</svg>\n"));
         assert_eq!(Plot::new("none", "x", "y").to_svg(), "");

@@ -1,4 +1,4 @@
-//! Tables and plots as text, CSV files and one HTML page.
+//! A report of tables, plots and pictures as text, CSV files and one HTML page.
 
 use std::path::Path;
 
@@ -18,11 +18,11 @@ const QUALITY: u8 = 85;
 pub struct Report {
     /// Title of the report.
     pub title: String,
-    /// Tables in order.
+    /// Tables, in the order of the report.
     pub tables: Vec<Table>,
-    /// Plots in order.
+    /// Plots, in the order of the report.
     pub plots: Vec<Plot>,
-    /// Pictures in order.
+    /// Pictures, in the order of the report.
     pub pictures: Vec<Picture>,
 }
 
@@ -36,10 +36,10 @@ pub struct Picture {
 }
 
 impl Picture {
-    /// Compresses a picture.
+    /// Compresses a picture as JPEG and adds a caption.
     ///
     /// # Errors
-    /// [`TableError::Picture`] if the picture cannot be compressed.
+    /// Returns [`TableError::Picture`] if the picture cannot be compressed.
     pub fn new(caption: String, picture: &RgbImage) -> Result<Self, TableError> {
         let mut jpeg = Vec::new();
         let encoder = JpegEncoder::new_with_quality(&mut jpeg, QUALITY);
@@ -63,7 +63,7 @@ impl Report {
         tables.join("\n")
     }
 
-    /// Returns one self-contained HTML page.
+    /// Returns the report as one self-contained HTML page.
     #[must_use]
     pub fn to_html(&self) -> String {
         let mut page = format!(
@@ -86,10 +86,11 @@ impl Report {
         page
     }
 
-    /// Writes `report.html`, `tables.txt` and one CSV file per table (`01-title.csv`). It creates the folder if needed.
+    /// Writes `report.html`, `tables.txt` and one CSV file per table (`01-title.csv`). The function creates the folder
+    /// if needed.
     ///
     /// # Errors
-    /// [`TableError::Write`].
+    /// Returns [`TableError::Write`] if the folder or a file cannot be written.
     pub fn write(&self, folder: &Path) -> Result<(), TableError> {
         std::fs::create_dir_all(folder).map_err(|source| WriteError::Io {
             doing: "create the folder",

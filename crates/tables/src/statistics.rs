@@ -1,10 +1,11 @@
 //! Summary statistics of lists of numbers.
 
-/// Factor from the median absolute value of a normal distribution to its sd.
+/// Ratio of the sd to the median absolute value, for a normal distribution with mean 0.
 pub const SD_FROM_MEDIAN: f64 = 1.4826;
 
-/// Returns the quantile `q`, 0 to 1, linear between order statistics (type 7 of Hyndman & Fan 1996); NaN without
-/// values.
+/// Returns the quantile of `values` for a probability `q` from 0 to 1, or NaN if there are no values.
+///
+/// The quantile is linear between order statistics (type 7 of Hyndman & Fan 1996).
 #[must_use]
 pub fn quantile(values: &[f64], q: f64) -> f64 {
     let mut sorted = values.to_vec();
@@ -12,29 +13,29 @@ pub fn quantile(values: &[f64], q: f64) -> f64 {
     sorted_quantile(&sorted, q)
 }
 
-/// Returns the quantile `q` of values that are sorted; NaN without values.
+/// Returns the quantile of sorted values for a probability `q`, or NaN if there are no values.
 pub(crate) fn sorted_quantile(sorted: &[f64], q: f64) -> f64 {
     let Some(last) = sorted.len().checked_sub(1) else { return f64::NAN };
     let rank = q * last as f64;
     let (below, share) = (rank.floor() as usize, rank.fract());
     let (a, b) = (sorted[below], sorted[(below + 1).min(last)]);
-    // The difference of two infinite neighbours is NaN.
+    // Equal neighbours are not interpolated, because the difference of two infinite values is NaN.
     if share > 0.0 && b > a { a + (b - a) * share } else { a }
 }
 
-/// Returns the median; NaN without values.
+/// Returns the median, or NaN if there are no values.
 #[must_use]
 pub fn median(values: &[f64]) -> f64 {
     roadplane_base::median(&mut values.to_vec()).unwrap_or(f64::NAN)
 }
 
-/// Returns the mean; NaN without values.
+/// Returns the mean, or NaN if there are no values.
 #[must_use]
 pub fn mean(values: &[f64]) -> f64 {
     values.iter().sum::<f64>() / values.len() as f64
 }
 
-/// Returns the share of values at or below a limit, 0 to 1; NaN without values.
+/// Returns the share of values at or below a limit, 0 to 1. The result is NaN if there are no values.
 #[must_use]
 pub fn share_within(values: &[f64], limit: f64) -> f64 {
     values.iter().filter(|value| **value <= limit).count() as f64 / values.len() as f64

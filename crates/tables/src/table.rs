@@ -6,11 +6,11 @@ use crate::{Estimate, TableError};
 /// A table of results.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Table {
-    /// Title.
+    /// Title of the table.
     pub title: String,
-    /// Note below the table, such as its source; may be empty.
+    /// Note below the table, such as the source of the numbers. It may be empty.
     pub note: String,
-    /// Columns. The first contains the names of the rows.
+    /// Columns. The first column contains the names of the rows.
     pub columns: Vec<Column>,
     /// Rows. Missing cells at the end of a row are empty.
     pub rows: Vec<Vec<Cell>>,
@@ -19,9 +19,9 @@ pub struct Table {
 /// A column of a table.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Column {
-    /// Title, with the unit.
+    /// Title of the column, with the unit.
     pub title: String,
-    /// Number of decimals of its numbers.
+    /// Number of decimals that are printed in the column.
     pub decimals: usize,
 }
 
@@ -35,7 +35,7 @@ pub enum Cell {
 }
 
 impl Column {
-    /// Creates a column of numbers.
+    /// Creates a column from its title and its number of decimals.
     #[must_use]
     pub fn new(title: impl Into<String>, decimals: usize) -> Self {
         Self { title: title.into(), decimals }
@@ -61,14 +61,14 @@ impl From<Estimate> for Cell {
 }
 
 impl From<f64> for Cell {
-    /// Creates a cell with a number without an interval.
+    /// Creates a cell with a number that has no confidence interval.
     fn from(value: f64) -> Self {
         Self::Number(Estimate { value, low: f64::NAN, high: f64::NAN, n: 1 })
     }
 }
 
 impl Cell {
-    /// Returns the cell as text: `78.0 [75.1, 80.9]`, `∞` for infinite, `–` for NaN.
+    /// Returns the cell as text, such as `78.0 [75.1, 80.9]`. An infinite number is `∞`, and NaN is `–`.
     fn text(&self, decimals: usize) -> String {
         match self {
             Self::Text(text) => text.clone(),
@@ -87,7 +87,7 @@ fn number(value: f64, decimals: usize) -> String {
     } else if value.is_infinite() {
         "∞".to_owned()
     } else {
-        // A rounded zero has no sign.
+        // A number that is rounded to zero has no minus sign.
         let text = format!("{value:.decimals$}");
         if text.trim_start_matches(['-', '0', '.']).is_empty() {
             text.trim_start_matches('-').to_owned()
@@ -113,7 +113,7 @@ impl Table {
         self.rows.iter().map(cells).collect()
     }
 
-    /// Returns the table as aligned text, which ends with a line end.
+    /// Returns the table as aligned text. The text ends with a line break.
     #[must_use]
     pub fn to_text(&self) -> String {
         let heads: Vec<String> = self.columns.iter().map(|c| c.title.clone()).collect();
@@ -145,10 +145,11 @@ impl Table {
 
     /// Returns the table as CSV, with all digits. NaN is an empty field.
     ///
-    /// A column with numbers is followed by three more: `… low`, `… high`, `… n`.
+    /// Three more columns follow each column `TITLE` with numbers: `TITLE low` and `TITLE high` for the confidence
+    /// interval, and `TITLE n` for the number of values.
     ///
     /// # Errors
-    /// [`TableError::Csv`].
+    /// Returns [`TableError::Csv`] if the CSV writer fails.
     pub fn to_csv(&self) -> Result<String, TableError> {
         let is_number = |i: usize| self.rows.iter().any(|row| matches!(row.get(i), Some(Cell::Number(_))));
         let mut writer = csv::Writer::from_writer(Vec::new());

@@ -21,7 +21,7 @@
 use std::{collections::BTreeMap, f64::consts::PI, ops::AddAssign as _};
 
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
-use roadplane_base::{assign, bbox_iou, fold_axis, upper_median};
+use roadplane_base::{VehicleClass, assign, bbox_iou, fold_axis, upper_median};
 
 use crate::{
     measurement::Sighting,
@@ -408,9 +408,10 @@ fn creep_density(end: &End, start: &End, way: &Vector2<f64>, places: &Matrix2<f6
 
 /// Returns the log likelihood ratio of the class votes: one vehicle against any two. It is at most 0.
 fn class_gain(end: &End, start: &End) -> f64 {
-    let share = |votes: &[f64; VOTES], c: usize| {
-        (votes[c] + VOTE) / (votes.iter().sum::<f64>() + VOTE * VOTES as f64)
-    };
+    let prior = |c: usize| if VehicleClass::ALL[c] == VehicleClass::Motorcycle { 0.0 } else { VOTE };
+    let prior_sum: f64 = (0..VOTES).map(prior).sum();
+    let share =
+        |votes: &[f64; VOTES], c: usize| (votes[c] + prior(c)) / (votes.iter().sum::<f64>() + prior_sum);
     let same: f64 = (0..VOTES).map(|c| share(&end.votes, c) * share(&start.votes, c)).sum();
     // Most vehicles are of one class, so agreement says little and disagreement much.
     (same / 0.6).ln().min(0.0)

@@ -29,7 +29,7 @@ pub(crate) struct RawTrack {
 }
 
 /// Number of classes that receive votes.
-pub(crate) const VOTES: usize = 3;
+pub(crate) const VOTES: usize = VehicleClass::ALL.len();
 /// Share of the votes that makes a vehicle a car, 0–1. Detectors confuse cars with trucks more often than trucks with
 /// cars.
 const CAR_SHARE: f64 = 0.4;
@@ -121,10 +121,9 @@ impl RawTrack {
         self.dims.precision += later.dims.precision;
     }
 
-    /// Returns the sum of the scores for each class: car, truck, bus.
+    /// Returns the sum of the scores for each class, in the order of `VehicleClass::ALL`.
     pub(crate) fn votes(&self) -> [f64; VOTES] {
-        use VehicleClass::{Bus, Car, Truck};
-        [Car, Truck, Bus].map(|class| self.votes.get(&class).copied().unwrap_or(0.0))
+        VehicleClass::ALL.map(|class| self.votes.get(&class).copied().unwrap_or(0.0))
     }
 
     /// Returns the size of a vehicle that is no car, m.
@@ -134,7 +133,10 @@ impl RawTrack {
 
     /// Returns the class by votes and size.
     pub(crate) fn class(&self) -> VehicleClass {
-        let [car, truck, bus] = self.votes();
+        let [car, truck, bus, motorcycle] = self.votes();
+        if motorcycle > car + truck + bus {
+            return VehicleClass::Motorcycle;
+        }
         let height_m = if bus > truck { MIN_BUS_HEIGHT_M } else { MAX_CAR_HEIGHT_M };
         if self.dims.mean().is_some_and(|dims| dims.z < height_m && dims.x < MAX_CAR_LENGTH_M) {
             return VehicleClass::Car;

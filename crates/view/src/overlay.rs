@@ -105,7 +105,7 @@ impl<'a> Overlay<'a> {
                 let camera_from_car = self.plane.camera_from_world() * row.pose().world_from_car();
                 self.posed(&camera_from_car, car.shape, colour)?;
             }
-            VehicleClass::Truck | VehicleClass::Bus => self.cuboid(row, colour)?,
+            VehicleClass::Truck | VehicleClass::Bus | VehicleClass::Motorcycle => self.cuboid(row, colour)?,
         }
         let [x0, y0, x1, y1] = row.bbox_px;
         let corners = [[x0, y0], [x1, y0], [x1, y1], [x0, y1]].map(Vector2::from);

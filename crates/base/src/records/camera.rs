@@ -1,4 +1,4 @@
-//! The estimated camera of one segment of time.
+//! The estimated camera of one time segment, in which the camera is not moved.
 
 use nalgebra::{Matrix4, Vector2};
 use schemars::JsonSchema;
@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Camera, CameraParams, ImageSize, Lens};
 
-/// The source of a camera's focal length and plane.
+/// The source of a camera's focal length and ground plane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum CameraStatus {
@@ -14,14 +14,14 @@ pub enum CameraStatus {
     Estimated,
     /// The user gave the focal length. The ground plane is estimated from the cars.
     FocalGiven,
-    /// The cars constrain the focal length too weakly, so it rests on the prior. The ground plane is estimated from the
-    /// cars.
+    /// The cars constrain the focal length too weakly, so its value comes mainly from the prior. The ground plane is
+    /// estimated from the cars.
     FocalFromPrior,
-    /// No camera could be estimated. The values are those of the prior, with its wide sds.
+    /// No camera could be estimated. All values and their wide sds come from the prior.
     Unobservable,
 }
 
-/// The estimated camera of one segment of time, with its uncertainty.
+/// The estimated camera of one time segment, with its uncertainty.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraEstimate {
     /// First and last presentation time of the segment, s.
@@ -32,20 +32,20 @@ pub struct CameraEstimate {
     pub principal_point_px: Vector2<f64>,
     /// Radial distortion of the lens.
     pub lens: Lens,
-    /// sd of the distortion ([`Lens::distortion`]); `None` if the picture did not show it and the lens is taken for
-    /// straight.
+    /// Sd of the distortion ([`Lens::distortion`]), without unit.
     ///
-    /// Its effect on the other parameters is counted in their covariance.
+    /// It is `None` if the picture did not show the distortion. The lens is then assumed to have no distortion.
+    /// `covariance` includes the effect of this sd on the other parameters.
     pub distortion_sd: Option<f64>,
     /// Focal length, tilt, roll and height.
     pub params: CameraParams,
     /// Covariance of (log focal, tilt, roll, log height).
     pub covariance: Matrix4<f64>,
-    /// Source of focal length and plane.
+    /// Source of the focal length and the ground plane.
     pub status: CameraStatus,
-    /// Number of different cars used.
+    /// Number of different cars used for the estimate.
     pub cars_used: usize,
-    /// Number of frames used.
+    /// Number of frames used for the estimate.
     pub frames_used: usize,
 }
 

@@ -19,15 +19,17 @@ pub struct CarRecord {
     pub score: f64,
     /// Class of the vehicle.
     pub class: VehicleClass,
-    /// Keypoints; absent before the keypoint stage and if the pose is carried over.
+    /// Keypoints. They are absent before the keypoint stage, and if the pose is carried over from an earlier frame.
     pub keypoints: Option<Box<KeypointSet>>,
-    /// Frame from which the box is carried over: nothing has changed there since the detector found it.
+    /// Index of the earlier frame from which the box is carried over. The picture at the box has not changed since that
+    /// frame. `None` if the detector found the box in this frame.
     pub held_since: Option<u64>,
-    /// Observation from which the pose is carried over: the car has not moved since.
+    /// Earlier observation of the car, from which the pose is carried over. The car has not moved since that
+    /// observation.
     pub pose_from: Option<CarRef>,
-    /// Earlier observation with keypoints. It is so recent that new keypoints would add no information.
+    /// Earlier observation of the car that has keypoints. It is so recent that new keypoints would add no information.
     pub seen_after: Option<CarRef>,
-    /// Fields of other tools, kept as they are.
+    /// Fields that other tools added. They are written back unchanged.
     pub extra: Map<String, Value>,
 }
 
@@ -41,7 +43,8 @@ pub struct WeakBox {
     pub score: f64,
 }
 
-/// A reference `[frame, car]` to a vehicle of a frame: index of the frame, and index in its list `cars`, both from 0.
+/// A reference to a vehicle in a frame. Files store it as `[frame, car]`: the index of the frame, and the index in the
+/// frame's list `cars`, both from 0.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(from = "(u64, usize)", into = "(u64, usize)")]
 pub struct CarRef {
@@ -64,7 +67,7 @@ impl From<CarRef> for (u64, usize) {
 }
 
 impl CarRecord {
-    /// Creates a car with only a box.
+    /// Creates a car with a box and without keypoints.
     #[must_use]
     pub fn boxed(bbox_px: [f64; 4]) -> Self {
         Self {
@@ -99,30 +102,32 @@ struct CarFields {
     /// Class of the vehicle.
     class: VehicleClass,
     /// The 36 keypoints, each `[x, y, score, sd]`: x, y and sd in px, score from 0 to 1. A keypoint without a
-    /// measurement is null. The sd holds for all directions, unless `keypoint_covariances_px2` has an entry. The list
-    /// is absent before the keypoint stage, and if the pose is carried over.
+    /// measurement is null. The sd is the same in all directions, unless `keypoint_covariances_px2` has an entry for
+    /// the keypoint. The list is absent before the keypoint stage, and if the pose is carried over from an earlier
+    /// frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     keypoints: Option<Vec<Option<[f64; 4]>>>,
-    /// Covariances `[xx, xy, yy]` of the 36 keypoints, px². The list is present if an sd differs by direction.
+    /// Covariances `[xx, xy, yy]` of the 36 keypoints, px². The list is present if the sd of a keypoint is not the same
+    /// in all directions.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     keypoint_covariances_px2: Option<Vec<Option<[f64; 3]>>>,
-    /// Index of the frame from which the box is carried over. Nothing has changed there since the detector found the
-    /// box. Absent if the detector found the box in this frame.
+    /// Index of the earlier frame from which the box is carried over. The picture at the box has not changed since that
+    /// frame. Absent if the detector found the box in this frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     held_since: Option<u64>,
-    /// Observation `[frame, car]` from which the pose is carried over: the index of its frame, and the index in that
-    /// frame's `cars`. The vehicle has not moved since.
+    /// Reference `[frame, car]` to the earlier observation from which the pose is carried over. The two numbers are the
+    /// index of a frame and the index in that frame's `cars`. The vehicle has not moved since that frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pose_from: Option<CarRef>,
-    /// Earlier observation `[frame, car]` that has keypoints. It is so recent that new keypoints would add no
-    /// information. So the keypoint net skipped the vehicle in this frame.
+    /// Reference `[frame, car]` to an earlier observation that has keypoints. The observation is so recent that new
+    /// keypoints would add no information. Therefore the keypoint net skipped the vehicle in this frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     seen_after: Option<CarRef>,
     #[serde(flatten)]
     extra: Map<String, Value>,
 }
 
-/// Returns a pixel coordinate rounded as in files, to 0.0001 px, far below any keypoint's sd.
+/// Rounds a number in px or px² to 0.0001, as in files. This step is far below any keypoint's sd.
 fn rounded(value: f64) -> f64 {
     (value * 1e4).round() / 1e4
 }

@@ -8,10 +8,10 @@ pub enum RecordError {
     /// The line is not JSON of the documented form.
     #[error("{0}")]
     Malformed(#[from] serde_json::Error),
-    /// An impossible value.
+    /// The line contains an impossible value.
     #[error("{what}")]
     Unsuitable {
-        /// The problem, as a text for the user.
+        /// Description of the problem, for the user.
         what: String,
     },
 }

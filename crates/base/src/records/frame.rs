@@ -9,7 +9,7 @@ use super::error::RecordError;
 use super::watch::WatchRecord;
 use crate::{ImageSize, SceneCurve, SceneLine};
 
-/// The vehicles of one frame, as found by the stages that have run: a line of `frames.jsonl`. Unknown fields are kept.
+/// One frame with its vehicles and the results of the stages so far: a line of `frames.jsonl`. Unknown fields are kept.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(title = "frames: one line per frame")]
 pub struct FrameRecord {
@@ -19,24 +19,27 @@ pub struct FrameRecord {
     pub time_s: f64,
     /// Width and height of the frame, px.
     pub image_size_px: ImageSize,
-    /// State of the camera and change of the picture. Absent before that stage, and in files of other tools.
+    /// State of the camera, and changes of the picture. Absent if the camera was not monitored, for example in files of
+    /// other tools.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub watch: Option<WatchRecord>,
-    /// Straight edges of the scene that may be vertical, each `[x0, y0, x1, y1, sd]`: both ends in px, and the sd of
-    /// the direction in rad. The list is valid from this frame on, until the next list or a camera move. It is absent
-    /// if the edges were not measured again.
+    /// Straight edges of the scene that may be vertical, each `[x0, y0, x1, y1, sd]`. The numbers are both ends in px,
+    /// and the sd of the direction in rad. The list is valid from this frame on, until the next list or a camera move.
+    /// It is absent in frames in which the edges were not measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scene_lines: Option<Vec<SceneLine>>,
-    /// Long edges of the scene that show the lens distortion, each `[x0, y0, x1, y1, x2, y2, sd]`, px: one end, the
-    /// middle, the other end, and the sd of the middle's offset. The list is written together with `scene_lines`.
+    /// Long edges of the scene that show the lens distortion, each `[x0, y0, x1, y1, x2, y2, sd]` in px. The points are
+    /// one end, the middle and the other end. `sd` is the sd of the distance between the middle and the line through
+    /// the ends. The list is written together with `scene_lines`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub scene_curves: Option<Vec<SceneCurve>>,
-    /// Vehicles of the frame, detected or carried over.
+    /// Vehicles of the frame: detected in it, or carried over from an earlier frame.
     pub cars: Vec<CarRecord>,
-    /// Weak boxes: detections with a score below the detector's threshold. They can extend a track.
+    /// Weak boxes: detections with a score below the detector's threshold. The tracker can use them to continue a
+    /// track.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub weak: Vec<WeakBox>,
-    /// Fields of other tools, kept as they are.
+    /// Fields that other tools added. They are written back unchanged.
     #[serde(flatten)]
     pub extra: Map<String, Value>,
 }
@@ -58,10 +61,12 @@ impl FrameRecord {
         }
     }
 
-    /// Reads one line and checks its numbers: finite, boxes with an area, sd above zero.
+    /// Reads one line and checks its numbers.
+    ///
+    /// All numbers must be finite, every box must have an area, and every sd must be above zero.
     ///
     /// # Errors
-    /// Returns [`RecordError`], which names the wrong field.
+    /// Returns a [`RecordError`] that names the wrong field.
     pub fn from_json(line: &str) -> Result<Self, RecordError> {
         let record: Self = serde_json::from_str(line)?;
         let fail = |what: String| Err(RecordError::Unsuitable { what });

@@ -1,4 +1,4 @@
-//! The solved pose of a car in a frame: a line of `poses.jsonl`.
+//! The estimated pose of a car in a frame: a line of `poses.jsonl`.
 
 use nalgebra::Isometry3;
 use schemars::JsonSchema;
@@ -18,7 +18,7 @@ pub struct PoseRecord {
     pub time_s: f64,
     /// Index of the vehicle in its frame's list of vehicles, from 0.
     pub car: usize,
-    /// Number of the track that the vehicle belongs to, from 1; null if it belongs to none.
+    /// Number of the track that the vehicle belongs to, from 1; null if the vehicle belongs to no track.
     #[serde(default)]
     #[schemars(range(min = 1))]
     pub track: Option<u64>,
@@ -39,16 +39,16 @@ pub struct PoseRecord {
     pub dims_m: [f64; 3],
     /// Sds of world x (m), world y (m) and heading (rad). An infinite sd is null.
     pub pose_sd: [Option<f64>; 3],
-    /// The 36 keypoints as measured, each `[x, y, score, sd]`: x, y and sd in px, score from 0 to 1. A keypoint without
-    /// a measurement is null. All are null if the pose is carried over.
+    /// The 36 measured keypoints, each `[x, y, score, sd]`: x, y and sd in px, score from 0 to 1. A keypoint without a
+    /// measurement is null. All are null if the pose is carried over from an earlier frame.
     pub keypoints_px: Vec<Option<[f64; 4]>>,
     /// Root mean square of the residuals of the used keypoints, px.
     #[schemars(range(min = 0))]
     pub reprojection_rms_px: f64,
-    /// Whether the tracker uses the pose. If false, its fit is too poor.
+    /// Whether the tracker uses the pose. If false, the pose fits the keypoints too poorly.
     pub used: bool,
-    /// Observation `[frame, car]` from which the pose is carried over. Its line has the keypoints. Absent if the pose
-    /// was measured in this frame.
+    /// Reference `[frame, car]` to the earlier observation from which the pose is carried over. The line of that
+    /// observation contains the keypoints. Absent if the pose was measured in this frame.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub pose_from: Option<CarRef>,
 }

@@ -44,25 +44,27 @@ pub struct TrackRow {
     /// Height of the vehicle, m. All rows of a track have the same value.
     #[schemars(range(min = 0))]
     pub height_m: f64,
-    /// Box of the vehicle in the picture: left, top, right, bottom, px. It is measured if `observed` is true, else
-    /// projected.
+    /// Box of the vehicle in the picture: left, top, right, bottom, px. The box is measured if `observed` is true, and
+    /// projected from the estimated pose if not.
     pub bbox_px: [f64; 4],
-    /// Score of the detector, 0 to 1. It is below the detector's threshold if a weak box continues the track. It is 0
-    /// if `observed` is false.
+    /// Score of the detector, 0 to 1. A score below the detector's threshold means that a weak detection continued the
+    /// track. The score is 0 if `observed` is false.
     #[schemars(range(min = 0, max = 1))]
     pub score: f64,
     /// Whether the vehicle was detected in this frame. The detection of a stationary vehicle may be carried over from
-    /// an earlier frame. If false, the row is interpolated: no inference ran, or the vehicle was missed or hidden.
+    /// an earlier frame. If false, the row is interpolated: the nets did not run on the frame, or the vehicle was
+    /// missed or hidden.
     pub observed: bool,
     /// Class of the vehicle. All rows of a track have the same value.
     #[serde(default)]
     pub class: VehicleClass,
-    /// Index of the camera segment whose world frame the coordinates are in, from 0. `camera.json` lists the
-    /// `segments`.
+    /// Index of the camera segment, from 0. The coordinates are in the world frame of this segment. `camera.json` lists
+    /// the `segments`.
     #[serde(default)]
     pub segment: usize,
     /// Sd of `speed_mps`, m/s. It covers the vehicle's own error and the camera's error, which all vehicles share. For
-    /// a stationary vehicle it is small and fixed, 0.001 m/s. Files of older versions lack it, and 0 is read.
+    /// a stationary vehicle it is small and fixed, 0.001 m/s. Files of older versions lack this column, and their sd is
+    /// read as 0.
     #[serde(default)]
     #[schemars(range(min = 0))]
     pub speed_sd_mps: f64,
@@ -70,30 +72,30 @@ pub struct TrackRow {
     /// `u_turn` or `reversing`. It is absent if activities are turned off.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub activity: Option<String>,
-    /// Probability of `activity`, 0 to 1. It is present if `activity` is.
+    /// Probability of `activity`, 0 to 1. It is present if `activity` is present.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0, max = 1))]
     pub activity_p: Option<f64>,
-    /// Vehicle's own part of `x_sd_m`, m: the sd of its positions relative to each other, without the camera's error.
-    /// The square of `x_sd_m` is the sum of the squares of this part and of the camera's part.
+    /// The vehicle's own part of `x_sd_m`, without the camera's error, m. It is the sd of the vehicle's positions
+    /// relative to each other. The square of `x_sd_m` is the sum of the squares of this part and of the camera's part.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0))]
     pub x_own_sd_m: Option<f64>,
-    /// Vehicle's own part of `y_sd_m`, m: the sd of its positions relative to each other, without the camera's error.
-    /// The square of `y_sd_m` is the sum of the squares of this part and of the camera's part.
+    /// The vehicle's own part of `y_sd_m`, without the camera's error, m. It is the sd of the vehicle's positions
+    /// relative to each other. The square of `y_sd_m` is the sum of the squares of this part and of the camera's part.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0))]
     pub y_own_sd_m: Option<f64>,
-    /// Position on the map, if the camera's position was given; each field is a column.
+    /// Position on the map, present if the user gave the camera's position. Each of its fields is a column.
     #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
     pub on_map: Option<OnMap>,
 }
 
-/// Position of a vehicle's origin on the map.
+/// Position and heading of a vehicle on the map. The position is the point on the ground midway between the axles.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct OnMap {
-    /// Latitude of the vehicle's position, degrees, WGS 84. This column and the next seven are present if the camera's
-    /// position on the map was given.
+    /// Latitude of the vehicle's position, degrees, WGS 84. This column and the next seven are present if the user gave
+    /// the camera's position on the map.
     #[schemars(range(min = -90, max = 90))]
     pub latitude: f64,
     /// Longitude of the vehicle's position, degrees, WGS 84.
@@ -106,11 +108,13 @@ pub struct OnMap {
     /// Northing of the vehicle's position in the UTM zone, m.
     pub north_m: f64,
     /// Sd of `east_m`, m. It covers the errors of the vehicle, of the camera and, with `--geo`, of the camera's
-    /// position on the map. With `--camera-at`, the errors of that position and of the bearing are not included.
+    /// position on the map. With `--camera-at`, the errors of the camera's position and bearing on the map are not
+    /// included.
     #[schemars(range(min = 0))]
     pub east_sd_m: f64,
     /// Sd of `north_m`, m. It covers the errors of the vehicle, of the camera and, with `--geo`, of the camera's
-    /// position on the map. With `--camera-at`, the errors of that position and of the bearing are not included.
+    /// position on the map. With `--camera-at`, the errors of the camera's position and bearing on the map are not
+    /// included.
     #[schemars(range(min = 0))]
     pub north_sd_m: f64,
     /// Heading of the vehicle on the map, degrees clockwise from the grid north of the UTM zone.
@@ -119,7 +123,7 @@ pub struct OnMap {
 }
 
 impl TrackRow {
-    /// Returns position and heading in the world frame.
+    /// Returns the vehicle's position and heading in the world frame.
     #[must_use]
     pub fn pose(&self) -> GroundPose {
         GroundPose { x_m: self.x_m, y_m: self.y_m, heading_rad: self.heading_rad }

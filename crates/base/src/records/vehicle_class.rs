@@ -14,9 +14,14 @@ pub enum VehicleClass {
     Truck,
     /// A bus.
     Bus,
+    /// A motorcycle or motor scooter with its riders.
+    Motorcycle,
 }
 
 impl VehicleClass {
+    /// All classes.
+    pub const ALL: [Self; 4] = [Self::Car, Self::Truck, Self::Bus, Self::Motorcycle];
+
     /// Returns the name of the class in files.
     #[must_use]
     pub fn name(self) -> &'static str {
@@ -24,6 +29,7 @@ impl VehicleClass {
             Self::Car => "car",
             Self::Truck => "truck",
             Self::Bus => "bus",
+            Self::Motorcycle => "motorcycle",
         }
     }
 }

@@ -1,4 +1,4 @@
-//! State of the camera from the pictures alone: `watch` of a frames file.
+//! State of the camera, computed from the pictures alone: the field `watch` of a frames file.
 
 use nalgebra::Vector2;
 use schemars::JsonSchema;
@@ -8,11 +8,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum PictureVerdict {
-    /// The camera is at its position, apart from the shake in `offset_px`.
+    /// The camera has not moved, apart from the shake in `offset_px`.
     Rest,
-    /// The camera turns or zooms, or each picture differs from the last.
+    /// The camera turns or zooms, or each picture differs from the previous picture.
     Moving,
-    /// The picture differs from the background. Later frames show whether the camera was moved.
+    /// The picture differs from the background image. Only later frames show whether the camera was moved.
     Unsettled,
     /// The picture is black.
     Black,
@@ -20,9 +20,9 @@ pub enum PictureVerdict {
     White,
     /// The lens is covered: the picture has no structure.
     Covered,
-    /// The same picture repeats, while earlier pictures had noise.
+    /// The same picture repeats exactly, without the noise of earlier pictures.
     Frozen,
-    /// The picture has too little structure to decide.
+    /// The picture has too little structure to determine the state.
     #[default]
     Unknown,
 }
@@ -38,19 +38,19 @@ impl PictureVerdict {
 /// State of the camera and change of the picture, computed before vehicles are detected.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct WatchRecord {
-    /// Whether this is an inference frame. If false, `verdict` and `offset_px` are those of the last inference frame,
-    /// and `cars` lists only vehicles that are carried over.
+    /// Whether this is an inference frame: a frame on which the nets ran. If false, `verdict` and `offset_px` are
+    /// copied from the last inference frame. `cars` then lists only vehicles that are carried over from earlier frames.
     pub looked: bool,
     /// State of the camera that the picture shows.
     pub verdict: PictureVerdict,
-    /// Shift of the picture by camera shake, px: to the right and down. Without shake, a point at pixel `p` would be
-    /// at `p − offset_px`. Absent if zero.
+    /// Shift of the picture by camera shake, px. Right and down are positive. Without shake, a point at pixel `p` would
+    /// be at `p − offset_px`. Absent if zero.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub offset_px: [f64; 2],
     /// Camera move that was detected in this frame. It may have happened earlier.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub moved: Option<CameraMove>,
-    /// Share of the picture that has changed since the detector last ran there, 0 to 1.
+    /// Share of the picture, 0 to 1, that has changed since the detector last ran on that part.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0, max = 1))]
     pub changed: Option<f64>,
@@ -72,13 +72,13 @@ pub enum MoveKind {
     Turned,
     /// The camera was zoomed: the picture is scaled.
     Zoomed,
-    /// The picture shows another scene: the camera before is no longer valid.
+    /// The picture shows another scene, so the camera estimated before is no longer valid.
     Cut,
     /// The camera began to move and has not come to rest.
     Moving,
 }
 
-/// A camera move. It is reported when it is detected, which is later than it happened.
+/// A camera move. It is reported in the frame in which it is detected, which is later than the move itself.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CameraMove {
     /// Kind of the move.
@@ -87,10 +87,10 @@ pub struct CameraMove {
     pub since_frame: u64,
     /// Presentation time of the frame `since_frame`, s.
     pub since_s: f64,
-    /// Shift of the picture by the move, px: to the right and down. Absent if it was not measured.
+    /// Shift of the picture by the move, px. Right and down are positive. Absent if it was not measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub shift_px: Option<[f64; 2]>,
-    /// Natural logarithm of the picture's magnification by the move. Absent if it was not measured.
+    /// Natural logarithm of the magnification of the picture by the move. Absent if it was not measured.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub log_scale: Option<f64>,
 }

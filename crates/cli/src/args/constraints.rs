@@ -8,8 +8,8 @@ use roadplane_pipeline::{CameraConstraints, ConstraintOptions, Measured, Pipelin
 /// Heading of the constraints in the help.
 const HEADING: &str = "Constraints on the camera (value V, or with a standard deviation: V±S, V±P%)";
 
-/// User constraints on the camera. Each counts by its standard deviation, `V±S` or `V±P%` (or `+-`); contradictions are
-/// reported.
+/// User constraints on the camera. The standard deviation of a constraint, `V±S` or `V±P%` (or `+-`), sets its weight.
+/// Contradictions are reported.
 #[derive(Clone, Debug, Args)]
 pub struct ConstraintArgs {
     /// Focal length, px; exact without a standard deviation.
@@ -49,7 +49,7 @@ impl ConstraintArgs {
     /// Reads the constraints and the files that they name.
     ///
     /// # Errors
-    /// As [`CameraConstraints::new`].
+    /// Returns the errors of [`CameraConstraints::new`].
     pub fn read(&self) -> Result<CameraConstraints, PipelineError> {
         CameraConstraints::new(&ConstraintOptions {
             focal_px: self.focal_px,
@@ -65,8 +65,9 @@ impl ConstraintArgs {
     /// Reads the constraints for a command that may store its camera in a database.
     ///
     /// # Errors
-    /// The errors of [`CameraConstraints::new`], and [`PipelineError::Usage`] for an exact focal length if the camera
-    /// is stored: cars then add no evidence on the focal length that the database could keep.
+    /// Returns the errors of [`CameraConstraints::new`]. Also returns [`PipelineError::Usage`] if the camera is stored
+    /// and the focal length is exact. With an exact focal length, cars give no information on it that the database
+    /// could store.
     pub fn read_for_database(&self, is_stored: bool) -> Result<CameraConstraints, PipelineError> {
         let known = self.read()?;
         if is_stored && known.focal_px().is_some() {

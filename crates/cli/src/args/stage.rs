@@ -89,7 +89,7 @@ pub struct SolveArgs {
 pub enum MethodArg {
     /// One camera for the clip, with all cars on its plane.
     Joint,
-    /// Algorithm 1 of the paper, on each frame alone.
+    /// Algorithm 1 of the paper (Car Pose in Context), on each frame alone.
     Paper,
 }
 

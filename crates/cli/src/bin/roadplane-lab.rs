@@ -1,4 +1,4 @@
-//! The `roadplane-lab` binary. It is a target of this crate, so that one wheel holds both programs.
+//! The `roadplane-lab` binary. It is a target of this crate, so one Python wheel contains both programs.
 
 use std::process::ExitCode;
 

@@ -11,7 +11,7 @@ use roadplane_write::{OutputFolder, WriteError, read_summary};
 use crate::args::copy::CopyArgs;
 use roadplane_terminal::{Bar, Outcome};
 
-/// Reads the run, samples colours from its input, writes the scene.
+/// Reads the run, samples the colours of vehicles from its input, and writes the scene.
 pub fn copy(args: &CopyArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let run = Run::read(&args.run).map_err(PipelineError::from)?;
     let atlas = ShapeAtlas::shipped().map_err(PipelineError::from)?;

@@ -7,7 +7,7 @@ use roadplane_pipeline::distances;
 use crate::args::DistanceArgs;
 use roadplane_terminal::Outcome;
 
-/// Prints CSV: time, distance and its standard deviation.
+/// Prints CSV with the time, the distance and the standard deviation of the distance.
 pub fn distance(args: &DistanceArgs) -> anyhow::Result<Outcome> {
     let found = distances(&args.run, [args.first, args.second], args.at)?;
     let mut out = stdout().lock();

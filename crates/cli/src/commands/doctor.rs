@@ -7,7 +7,7 @@ use roadplane_pipeline::{PipelineError, check_up};
 use crate::args::DoctorArgs;
 use roadplane_terminal::Outcome;
 
-/// Prints one line per check; fails if a check fails.
+/// Prints one line per check. Returns the error of the first check that fails.
 pub fn doctor(args: &DoctorArgs) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let mut out = std::io::stdout().lock();

@@ -8,7 +8,7 @@ use roadplane_pipeline::{Existing, FolderLock, PipelineError};
 use crate::args::export::ExportArgs;
 use roadplane_terminal::Outcome;
 
-/// Formats that this program cannot write itself, and how to get them.
+/// Formats that this program cannot write, each with the tool that writes it.
 const ELSEWHERE: [(&str, &str); 1] = [(
     "rerun",
     "recording for the viewer Rerun; scripts/export/rerun RUN FILE.rrd writes it with Rerun's Python package",

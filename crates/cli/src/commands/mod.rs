@@ -1,4 +1,4 @@
-//! One file per command; each turns arguments into a call of `pipeline` and prints the outcome.
+//! One file per command. Each command calls the crate `pipeline` with its arguments and prints the outcome.
 
 pub mod cameras;
 pub mod copy;

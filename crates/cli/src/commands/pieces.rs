@@ -1,4 +1,4 @@
-//! `roadplane plan` and `roadplane join`: long inputs in pieces.
+//! `roadplane plan` and `roadplane join`: process a long input in pieces.
 
 use std::io::{Write as _, stdout};
 
@@ -10,7 +10,7 @@ use roadplane_pipeline::{
 use crate::args::pieces::{JoinArgs, PlanArgs};
 use roadplane_terminal::{Bar, Outcome};
 
-/// Lists the pieces of all inputs. An unreadable input does not stop the others.
+/// Lists the pieces of all inputs. If an input cannot be read, the command continues with the next input.
 pub fn plan(args: &PlanArgs) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let mut lost = None;
@@ -31,7 +31,7 @@ pub fn plan(args: &PlanArgs) -> anyhow::Result<Outcome> {
     lost.map_or(Ok(Outcome::Done), |error| Err(error.into()))
 }
 
-/// Joins pieces into the result of one run.
+/// Joins the pieces of an input into the result of one run.
 pub fn join(args: &JoinArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let constraints = args.known.read_for_database(args.cameras.is_some())?;

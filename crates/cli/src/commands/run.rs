@@ -1,4 +1,4 @@
-//! `roadplane run`: tracks the vehicles of each input, in a folder per input.
+//! `roadplane run`: tracks the vehicles of each input, and writes one folder per input.
 
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -14,7 +14,7 @@ use crate::metrics::{self, Counted, Metrics};
 use crate::sandbox::{self, Needs};
 use roadplane_terminal::{Bar, Outcome};
 
-/// Runs all inputs. A failed input does not stop the others.
+/// Processes all inputs. If an input fails, the command continues with the next input.
 pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let constraints = args.known.read_for_database(args.cameras.is_some())?;
@@ -115,7 +115,7 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     }
 }
 
-/// Files and addresses that a run may use.
+/// Returns the files and addresses that a run may use.
 fn needs(args: &RunArgs, config: &Config) -> Needs {
     let mut needs = Needs::of_nets(config.models.folder.as_deref()).reading(&args.inputs).writing(&args.out);
     needs.serves = args.metrics;
@@ -123,7 +123,9 @@ fn needs(args: &RunArgs, config: &Config) -> Needs {
     args.metrics_file.iter().fold(needs, |needs, file| needs.writing_file(file))
 }
 
-/// The outcome that decides the exit code: failures of the program before refused models before lost inputs.
+/// The worst outcome of all inputs, which determines the exit code.
+///
+/// The order, from worst to mildest, is: stopped, internal error, refused model, locked folder, usage error, bad input.
 #[derive(Default)]
 struct Worst {
     damaged: bool,

@@ -1,11 +1,11 @@
-//! The camera's position on the map.
+//! Reads the camera's position on the map from the arguments.
 
 use roadplane_geo::{Site, read_points};
 use roadplane_pipeline::PipelineError;
 
 use crate::args::site::SiteArgs;
 
-/// Returns the site that the arguments give, if any.
+/// Returns the site, or `None` if the arguments give no position of the camera.
 pub fn site(args: &SiteArgs) -> Result<Option<Site>, PipelineError> {
     let (site, option) = if let Some(file) = &args.geo {
         (Site::Points(read_points(file)?), "--geo")

@@ -1,4 +1,4 @@
-//! `roadplane stage`: one stage alone, from file to file.
+//! `roadplane stage`: runs one stage alone, from an input file to an output file.
 
 use std::path::Path;
 
@@ -15,7 +15,7 @@ fn outcome(damaged: bool) -> Outcome {
     if damaged { Outcome::Damaged } else { Outcome::Done }
 }
 
-/// Turns an input into frames with boxes.
+/// Detects the vehicles of an input, and writes frames with boxes.
 pub fn detect(args: &DetectArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let models = find_models(config.models.folder.as_deref())?;
@@ -26,7 +26,7 @@ pub fn detect(args: &DetectArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     Ok(outcome(detect_file(&args.input, &args.out, &models, &config, cancel, &bar)?))
 }
 
-/// Turns an input and its boxes into frames with keypoints.
+/// Finds the keypoints in the given boxes of an input, and writes frames with keypoints.
 pub fn keypoints(args: &KeypointsArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let models = find_models(config.models.folder.as_deref())?;
@@ -36,7 +36,7 @@ pub fn keypoints(args: &KeypointsArgs, cancel: &Cancel) -> anyhow::Result<Outcom
     Ok(outcome(keypoints_file(&args.input, &args.boxes, &args.out, &models, &config, cancel, &bar)?))
 }
 
-/// Turns tracks into labels and events.
+/// Reads tracks, and writes activity labels and events.
 pub fn activity(args: &ActivityArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let models = find_models(config.models.folder.as_deref())?;
@@ -45,7 +45,7 @@ pub fn activity(args: &ActivityArgs, cancel: &Cancel) -> anyhow::Result<Outcome>
     Ok(Outcome::Done)
 }
 
-/// Turns frames with keypoints into poses and a camera.
+/// Reads frames with keypoints, and writes poses and a camera.
 pub fn solve(args: &SolveArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let constraints = args.known.read()?;
@@ -63,7 +63,7 @@ pub fn solve(args: &SolveArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     Ok(Outcome::Done)
 }
 
-/// Turns frames with keypoints into tracks.
+/// Reads frames with keypoints, and writes tracks.
 pub fn track(args: &TrackArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let constraints = args.known.read()?;

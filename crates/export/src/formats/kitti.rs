@@ -26,12 +26,14 @@ pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     Ok(())
 }
 
-/// Returns KITTI's name of a vehicle class. KITTI has no class for buses, so the name is `Misc`.
+/// Returns KITTI's name of a vehicle class. KITTI has no class for buses, so the name is `Misc`. Motorcycles get
+/// `Cyclist`, KITTI's class for riders.
 fn kind(class: VehicleClass) -> &'static str {
     match class {
         VehicleClass::Car => "Car",
         VehicleClass::Truck => "Truck",
         VehicleClass::Bus => "Misc",
+        VehicleClass::Motorcycle => "Cyclist",
     }
 }
 

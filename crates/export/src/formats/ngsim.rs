@@ -44,7 +44,11 @@ pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
             for (row, acceleration) in rows.filter(|(row, _)| segment.contains(row)) {
                 let feet = |metres: f64| fixed(metres * FEET_PER_METRE, 3);
                 let front = track.front(row);
-                let class = if track.class == VehicleClass::Car { "2" } else { "3" };
+                let class = match track.class {
+                    VehicleClass::Motorcycle => "1",
+                    VehicleClass::Car => "2",
+                    VehicleClass::Truck | VehicleClass::Bus => "3",
+                };
                 let [x, y, none] = [feet(front.x), feet(front.y), "0".to_owned()];
                 // With a position on the map, the global coordinates are the easting and northing of the car's origin
                 // in the UTM zone.

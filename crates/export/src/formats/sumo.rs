@@ -56,6 +56,7 @@ fn types(run: &Run) -> Element {
             VehicleClass::Car => "passenger",
             VehicleClass::Truck => "truck",
             VehicleClass::Bus => "bus",
+            VehicleClass::Motorcycle => "motorcycle",
         };
         Element::new("vType")
             .with("id", type_name(track))

@@ -20,19 +20,23 @@ pub(crate) fn losses_in_words(counts: &Counts, rows: &[TrackRow], options: &Deco
             "{frames_skipped} of {frames_read} decoded frames were skipped by these settings."
         ));
     }
-    for (class, name) in [(VehicleClass::Truck, "truck"), (VehicleClass::Bus, "bus")] {
+    for (class, one, many) in [
+        (VehicleClass::Truck, "a truck", "trucks"),
+        (VehicleClass::Bus, "a bus", "buses"),
+        (VehicleClass::Motorcycle, "a motorcycle", "motorcycles"),
+    ] {
         let tracks: BTreeSet<u64> =
             rows.iter().filter(|row| row.class == class).map(|row| row.track).collect();
-        if let Some(boxes) = counts.boxes.get(name).filter(|boxes| **boxes > 0) {
+        if let Some(boxes) = counts.boxes.get(class.name()).filter(|boxes| **boxes > 0) {
             sentences.push(format!(
                 "{} of {}, in {}: {} has no shape model, so position, heading and size come from the box. The error is a metre or two.",
                 amount(*boxes, "box", "boxes"),
-                if class == VehicleClass::Truck { "trucks" } else { "buses" },
+                many,
                 match tracks.len() {
                     0 => "no track of the class".to_owned(),
                     n => amount(n as u64, "track", "tracks"),
                 },
-                if class == VehicleClass::Truck { "a truck" } else { "a bus" },
+                one,
             ));
         }
     }

@@ -27,11 +27,13 @@ pub fn body_of(class: VehicleClass) -> Body {
         VehicleClass::Car => ([4.5, 1.8, 1.55], [0.4, 0.1, 0.15]),
         VehicleClass::Truck => ([7.5, 2.4, 3.0], [2.5, 0.2, 0.6]),
         VehicleClass::Bus => ([11.0, 2.5, 3.1], [2.0, 0.1, 0.25]),
+        // With its riders.
+        VehicleClass::Motorcycle => ([2.05, 0.8, 1.6], [0.2, 0.12, 0.12]),
     };
     let sd = Matrix3::from_diagonal(&Vector3::from(sd));
     let mut correlation = Matrix3::identity();
     (correlation[(0, 2)], correlation[(2, 0)]) = match class {
-        VehicleClass::Car => (0.0, 0.0),
+        VehicleClass::Car | VehicleClass::Motorcycle => (0.0, 0.0),
         VehicleClass::Truck | VehicleClass::Bus => (LENGTH_HEIGHT, LENGTH_HEIGHT),
     };
     Body { class, dims_m: Vector3::from(dims), covariance: sd * correlation * sd }

@@ -48,14 +48,14 @@ const SALOON: &Outline =
 
 /// Returns the probability of each class in a box of a label. Detectors take cars for trucks more often than the
 /// reverse.
-fn prior(label: VehicleClass) -> [(VehicleClass, f64); 3] {
-    use VehicleClass::{Bus, Car, Truck};
-    let shares = match label {
-        Car => [0.9, 0.08, 0.02],
-        Truck => [0.35, 0.6, 0.05],
-        Bus => [0.1, 0.2, 0.7],
-    };
-    [(Car, shares[0]), (Truck, shares[1]), (Bus, shares[2])]
+fn prior(label: VehicleClass) -> &'static [(VehicleClass, f64)] {
+    use VehicleClass::{Bus, Car, Motorcycle, Truck};
+    match label {
+        Car => &[(Car, 0.9), (Truck, 0.08), (Bus, 0.02)],
+        Truck => &[(Car, 0.35), (Truck, 0.6), (Bus, 0.05)],
+        Bus => &[(Car, 0.1), (Truck, 0.2), (Bus, 0.7)],
+        Motorcycle => &[(Motorcycle, 1.0)],
+    }
 }
 
 /// Least sd of a track's heading at one time, rad.

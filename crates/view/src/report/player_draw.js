@@ -3,7 +3,7 @@
 
 const playerDraw = (data) => {
   const TRAIL_S = 10; // duration of a trail, s
-  const CLASSES = { car: "#5aa9e6", truck: "#f2a65a", bus: "#b58be0" };
+  const CLASSES = { car: "#5aa9e6", truck: "#f2a65a", bus: "#b58be0", motorcycle: "#7bd88f" };
   const OTHER = "#8a929c";
   const activityColour = Object.fromEntries(data.activities.map(([name, , colour]) => [name, colour]));
   const fastest = Math.max(1, ...data.tracks.map((track) => track.top));

@@ -115,8 +115,9 @@ fn report(dataset: &str, found: &[Found], systems: &[&str]) -> Report {
             " Video: not measured, as its net is not in the models folder."
         }
     );
-    let spread_note =
-        format!("Within {SPREAD_S} s of a change both labels are right: annotators differ by so much.");
+    let spread_note = format!(
+        "Within {SPREAD_S} s of a change, both labels count as right, because annotators differ by that much."
+    );
     let ours = systems.len() - 2;
     report.tables.push(table("Per frame, seven labels", &note, &frames, systems, &PAPER));
     report.tables.push(differences("Per frame: 3D against the others", &frames, systems, ours, &PAPER));

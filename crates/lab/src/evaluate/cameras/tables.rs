@@ -241,7 +241,7 @@ fn keypoints_table(measured: &[&Measured], which: &str, wanted: impl Fn(bool) ->
     let mut titles = vec![("keypoint (both sides)", 0)];
     titles.extend(Aspect::ALL.map(|aspect| (aspect.name(), 1)));
     let mut table = Table::new(
-        format!("Keypoints before the true camera: {which}"),
+        format!("Keypoints projected with the true camera: {which}"),
         "Upward offset of a found keypoint from its position on the car fitted on the true ground: median, % of the \
          box's longer side. Cars of 40 px and more, five points and more. 95 % intervals by resampling cameras.",
         columns(&titles),

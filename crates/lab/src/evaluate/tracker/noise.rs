@@ -145,6 +145,7 @@ fn flipped(class: VehicleClass) -> VehicleClass {
     match class {
         VehicleClass::Car | VehicleClass::Bus => VehicleClass::Truck,
         VehicleClass::Truck => VehicleClass::Car,
+        VehicleClass::Motorcycle => VehicleClass::Motorcycle,
     }
 }
 
