@@ -12,7 +12,7 @@ use crate::prior::FusePrior;
 /// The transition of the camera to a piece of evidence, for each of (log f, tilt, roll, log h').
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Step {
-    /// 1 for a number that carries over, 0 for a number that starts again from the prior.
+    /// For each camera parameter: 1 if its estimate carries over to the next position, 0 if it starts from the prior.
     pub kept: Vector4<f64>,
     /// Variance that each kept number gains (log² or rad²).
     pub variance: Vector4<f64>,

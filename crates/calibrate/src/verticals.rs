@@ -24,7 +24,7 @@ use roadplane_base::{Camera, CameraEstimate, Factor, SceneLine};
 use self::field::{Field, Node};
 use crate::lens::{STRAIGHT_SD, bend_of_lenses, greatest_bend};
 
-/// Largest number of edges that are used. Our files have fewer; files of other programs may have any number.
+/// Largest number of edges that are used. This program's record files have fewer edges; those of other programs may have any number.
 const MOST_LINES: usize = 300;
 /// Least log Bayes factor of vertical edges over chance: a hundred times.
 const LEAST_GAIN: f64 = 4.6;

@@ -13,8 +13,8 @@ use crate::utm::UtmZone;
 
 /// Largest residual of a point, in sds. A point with a larger residual contradicts the other points or the camera.
 const CONTRADICTION_SDS: f64 = 3.0;
-/// Limit for the χ² of the camera's change by the survey: the 99 % quantile with four degrees of freedom. A larger
-/// value means that the camera or the points are wrong.
+/// Largest χ² by which the surveyed points may change the camera: the 99 % quantile with four degrees of freedom. A
+/// larger value means that the camera or the points are wrong.
 const CAMERA_CHI2: f64 = 13.3;
 /// Distance from a vehicle to a point straight ahead, m. These two points give the bearing of the vehicle on the map.
 const AHEAD_M: f64 = 0.5;

@@ -30,11 +30,11 @@ use crate::{
 
 /// Time without a box after which a chain ends, s.
 const LOST_S: f64 = 0.6;
-/// Time constant of a chain's motion in the picture, s.
+/// Time constant of the smoothed motion of a chain of boxes in the picture, s.
 const MOTION_S: f64 = 0.25;
 /// Overlap (IoU) with a track's box above which a box is of that track's vehicle.
 const SAME_BOX: f64 = 0.4;
-/// Share of a box inside a track's box above which the box is of that track's vehicle, 0–1.
+/// A box belongs to a track's vehicle if more than this share of the box lies inside the track's box, 0–1.
 const INSIDE: f64 = 0.7;
 /// Least share of a chain's boxes that touch one track's boxes if the chain is a part of that vehicle. A lorry's cab is
 /// such a part.

@@ -105,7 +105,8 @@ impl Look {
         Some(Self { stamp: stamp(first), edges, side_px, count: looks.len() as f64 })
     }
 
-    /// Returns the distance by which each edge lies inside the body's edge, in sds that `ease` multiplies.
+    /// Returns how far each edge of the box lies inside the body's projected outline. The unit is the edge's sd times
+    /// `ease`.
     fn inside(&self, body_px: &Vector4<f64>, ease: f64) -> Vector4<f64> {
         Vector4::from_fn(|i, _| {
             OUTWARD[i] * (body_px[i] - self.edges[i].seen_px) / (ease * self.edges[i].sd_px)

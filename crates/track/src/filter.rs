@@ -104,8 +104,8 @@ impl Filter {
         self.time_s - self.anchor_s
     }
 
-    /// Returns the squared Mahalanobis distance of a measurement. The better of two motions counts: the car is
-    /// stationary, or it drives on. A stationary car that was undetected for a while did not drive on.
+    /// Returns the squared Mahalanobis distance of a measurement. The car may have stopped or driven on;
+    /// the smaller of both distances counts. Without the first case, a car that waited undetected would seem lost.
     pub(crate) fn distance(&self, pose: &Vector3<f64>, covariance: &Matrix3<f64>, time_s: f64) -> f64 {
         let to = |prediction: &Prediction| {
             let away = pose.xy() - prediction.state.xy();

@@ -406,7 +406,8 @@ fn creep_density(end: &End, start: &End, way: &Vector2<f64>, places: &Matrix2<f6
     slow * outside * on_line / (reach + 1.0) * after
 }
 
-/// Returns the log likelihood ratio of the class votes: one vehicle against any two. It is at most 0.
+/// Returns the log likelihood ratio of the class votes: both tracks are one vehicle, or two unrelated vehicles. It is
+/// at most 0.
 fn class_gain(end: &End, start: &End) -> f64 {
     let prior = |c: usize| if VehicleClass::ALL[c] == VehicleClass::Motorcycle { 0.0 } else { VOTE };
     let prior_sum: f64 = (0..VOTES).map(prior).sum();

@@ -7,7 +7,7 @@ const APART_S: f64 = 0.075;
 /// A count of the observation times that are far enough apart to carry new information.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Looks {
-    /// Number of observation times that count.
+    /// Number of observation times that are at least the least interval apart.
     pub count: usize,
     /// Last observation time that counts, s.
     last_s: Option<f64>,

@@ -24,8 +24,8 @@ pub(crate) struct Stand {
     pub bias: Matrix3<f64>,
 }
 
-/// Estimates the pose of a stationary interval; `None` without detections. Detections that are carried over repeat an
-/// earlier one and count only if there is no other.
+/// Estimates the pose of a stationary interval; `None` without detections. Carried-over detections are copies
+/// of an earlier detection. They are used only if the interval has no real detection.
 pub(crate) fn stand(all: &[Sighting], bias_share: f64) -> Option<Stand> {
     let looks: Vec<Sighting> = all.iter().filter(|o| !o.held).cloned().collect();
     let sightings = if looks.is_empty() { all.get(..1)? } else { &looks };

@@ -32,7 +32,7 @@ const MOST_NOISE: f32 = 3.0;
 /// level is a threshold that the cell learns from changes that were no vehicle. The target is [`ABOVE`] times the last
 /// of these changes.
 const LEARN: f32 = 0.5;
-/// Target of a cell's nuisance level (see [`LEARN`]), as a multiple of the last change that was no vehicle.
+/// Target of a cell's nuisance level (see [`LEARN`]), as a multiple of the cell's last change without a vehicle.
 const ABOVE: f32 = 1.25;
 /// Highest nuisance level of a cell (see [`LEARN`]), grey levels. The change that a vehicle causes is larger.
 const MOST_NUISANCE: f32 = 12.0;

@@ -123,7 +123,7 @@ fn needs(args: &RunArgs, config: &Config) -> Needs {
     args.metrics_file.iter().fold(needs, |needs, file| needs.writing_file(file))
 }
 
-/// The worst outcome of all inputs, which determines the exit code.
+/// The worst outcome of all inputs. This outcome determines the exit code.
 ///
 /// The order, from worst to mildest, is: stopped, internal error, refused model, locked folder, usage error, bad input.
 #[derive(Default)]

@@ -152,7 +152,7 @@ pub fn activity_file(
     Ok(count)
 }
 
-/// Returns the path for the events of a table.
+/// Returns the path of the file of activity events beside the table of tracks `out`.
 fn events_beside(out: &Path) -> PathBuf {
     out.with_extension("activities.jsonl")
 }

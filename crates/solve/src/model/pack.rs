@@ -23,7 +23,7 @@ impl<const M: usize> Pack<M> {
     }
 }
 
-/// Builds the packs of a view's keypoints and appends them to `into`.
+/// Groups a view's keypoints into packs, one keypoint per SIMD lane, and appends the packs to `into`.
 pub(crate) fn pack<const M: usize>(
     model: &PointModes<M>,
     observations: &[Observation],

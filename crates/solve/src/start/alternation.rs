@@ -30,9 +30,10 @@ use crate::start::up_consensus::camera_on;
 
 /// Number of rounds of the alternation.
 const ROUNDS: usize = 8;
-/// Soft plane terms of the first round. Their sds fall geometrically from the first to the last round.
+/// Sds of the terms that pull the cars to a common plane, in the first round. From round to round they fall by a
+/// constant factor.
 const FIRST_TERMS: PlaneTerms = PlaneTerms { distance_sd_m: 1.5, angle_sd: 0.3 };
-/// Soft plane terms of the last round.
+/// Sds of the terms that pull the cars to a common plane, in the last round.
 pub(crate) const LAST_TERMS: PlaneTerms = PlaneTerms { distance_sd_m: 0.05, angle_sd: 0.01 };
 /// Largest change of the logarithm of the focal length in one round.
 const MAX_LOG_STEP: f64 = 0.5;

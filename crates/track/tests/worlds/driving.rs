@@ -162,7 +162,7 @@ fn the_other_way_round_is_the_other_way_round() {
     );
 }
 
-/// At a few frames per second a car behind others is detected in few frames. One second of them shows no motion.
+/// A car behind others is detected in few frames. The few detections of one second show no motion.
 #[test]
 fn a_rarely_seen_drive_is_no_stand() {
     for seed in 0..20 {

@@ -13,7 +13,7 @@ use roadplane_pipeline::PipelineError;
 use super::windows::{BEFORE, CROP_BYTES, PREDICTED, PREDICTED_BEFORE, SIDE_PX, STEPS, Square};
 use crate::LabError;
 
-/// The net of the video row.
+/// The net that labels activities from the pixels of a video. Its scores are the row `video` of the tables.
 pub(super) struct VideoNet {
     session: Session,
 }
