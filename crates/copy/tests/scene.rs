@@ -1,4 +1,4 @@
-//! The files of a scene contain the motion of the run. Their bytes are the same each time.
+//! The files of a scene contain the motion of the run. Writing a scene twice gives the same bytes.
 
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 

@@ -97,4 +97,12 @@ mod tests {
         assert_eq!((only.class, only.pass), (VehicleClass::Truck, 7));
         assert!((expected_bin([0.0; BINS].into_iter()) - 5.0).abs() < 1e-12);
     }
+
+    #[test]
+    fn a_net_with_four_classes_finds_motorcycles() {
+        let mut scores = Array3::<f32>::zeros((4, 2, 2));
+        scores[[3, 1, 0]] = 0.8;
+        let found = candidates(&scores.view(), &Array3::<f32>::zeros((44, 2, 2)).view(), 8.0, 0.5, 0);
+        assert_eq!(found.iter().map(|c| c.class).collect::<Vec<_>>(), [VehicleClass::Motorcycle]);
+    }
 }

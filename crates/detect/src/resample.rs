@@ -68,7 +68,8 @@ pub(crate) fn input(
 mod tests {
     use super::*;
 
-    /// Draws grey ramps along x and y. Resampling must keep their positions, up to a rounded grey level.
+    /// Draws grey ramps along x and y. The grey level of a pixel shows its position, so a test can check that resampling
+    /// does not shift the picture.
     fn ramp(width: u32, height: u32) -> RgbImage {
         RgbImage::from_fn(width, height, |x, y| image::Rgb([(2 * x) as u8, (3 * y) as u8, 100]))
     }

@@ -26,7 +26,7 @@ pub enum InferError {
     ProviderUnavailable {
         /// The configured provider.
         provider: &'static str,
-        /// Reason why the provider cannot be used.
+        /// Reason why ONNX Runtime cannot use the execution provider.
         what: String,
     },
     /// The net returned NaN or infinite numbers for this input. The session stays usable.

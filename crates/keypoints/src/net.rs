@@ -245,8 +245,8 @@ mod tests {
         }
     }
 
-    /// A mirrored crop of the mirrored picture equals the original crop. So its keypoints must be the mirror images of
-    /// the original keypoints.
+    /// A mirrored crop of the mirrored picture equals the original crop, so the net finds the same keypoints in it. In
+    /// the mirrored picture, these keypoints must lie at mirrored positions.
     #[test]
     fn a_mirrored_crop_of_the_mirrored_picture_is_the_same() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");

@@ -31,7 +31,7 @@ fn truth(atlas: &ShapeAtlas, seed: u64, models: usize, shape_sd: impl Fn(usize) 
 
 /// Refines a scene from the solution `from` or, if it is `None`, from the true scene.
 ///
-/// In each case, `views_per_car` consecutive cars count as views of one car.
+/// The problem treats each group of `views_per_car` consecutive cars as views of one car.
 fn refine(
     atlas: &ShapeAtlas,
     truth: &SceneTruth,

@@ -221,7 +221,8 @@ mod tests {
             let sighting = Sighting::by_box(&seen, &placed, 0, 0.0);
             RawTrack::by_boxes(vec![sighting], called, &[dims_m]).unwrap().class()
         };
-        use VehicleClass::{Bus, Car, Truck};
+        use VehicleClass::{Bus, Car, Motorcycle, Truck};
+        assert_eq!(class(Motorcycle, [2.0, 0.8, 1.6]), Motorcycle);
         assert_eq!([Truck, Bus].map(|called| class(called, [4.6, 1.8, 1.6])), [Car, Car]);
         // This is a van, or a car that is seen from high above.
         assert_eq!([Truck, Bus].map(|called| class(called, [5.1, 1.9, 2.0])), [Truck, Car]);

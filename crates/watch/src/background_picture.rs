@@ -13,7 +13,8 @@ const LONGEST: usize = 240;
 /// Smallest share of the blocks that must agree with an alignment. A smaller share may come from a clock drawn on the
 /// picture, which does not move when the camera turns.
 const MIN_SHARE: f64 = 0.25;
-/// Largest difference between the shift of an agreeing block and the shift that the alignment predicts there, px.
+/// Largest difference between the measured shift of a block and the shift that the alignment predicts there, px. A
+/// block with a larger difference does not agree with the alignment.
 const NEAR: f64 = 0.7;
 
 /// The displacement between two backgrounds (root mean square over the picture), and its error.

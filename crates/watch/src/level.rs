@@ -271,8 +271,9 @@ impl Level {
     }
 }
 
-/// Smooths a picture with a binomial 3 × 3 kernel. The result is linear enough to measure shifts of a pixel. Pixels at
-/// the border are not smoothed across it.
+/// Smooths a picture with a binomial 3 × 3 kernel. In the result, grey levels change nearly
+/// linearly over a pixel, so that shifts below a pixel can be measured. Border pixels keep their values in the direction
+/// of the missing neighbour.
 fn smoothed(values: &[f32], width: usize, height: usize) -> Vec<f32> {
     let mut across = values.to_vec();
     for (out, row) in across.chunks_exact_mut(width).zip(values.chunks_exact(width)) {

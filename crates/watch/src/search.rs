@@ -11,9 +11,9 @@ use crate::level::Level;
 
 /// Largest number of blocks that are searched for in the other picture.
 const BLOCKS: usize = 60;
-/// Side of a block, px of the reduced picture at half its size.
+/// Side of a block, px. The search halves the reduced picture once more, and these are pixels of the halved picture.
 const SIDE: usize = 8;
-/// Largest shift of a block that the search covers, px of the reduced picture at half its size.
+/// Largest shift of a block that the search covers, px of the halved picture.
 const REACH: i64 = 24;
 /// Smallest correlation coefficient of a block with its match.
 const FOUND: f64 = 0.8;

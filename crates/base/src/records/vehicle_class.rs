@@ -14,7 +14,7 @@ pub enum VehicleClass {
     Truck,
     /// A bus.
     Bus,
-    /// A motorcycle or motor scooter with its riders.
+    /// A motorcycle or motor scooter with its riders. The detector of this version does not look for them.
     Motorcycle,
 }
 

@@ -10,7 +10,7 @@ use crate::evidence::Observation;
 pub(super) const KEYPOINT_SD_M: f64 = 0.13;
 /// Largest number of rounds of block coordinate descent, as in the code of Pavlakos et al.
 pub(super) const MAX_ROUNDS: usize = 1000;
-/// Relative decrease of the cost per round below which the descent ends.
+/// The descent ends when a round lowers the cost by less than this share of it.
 pub(super) const COST_TOLERANCE: f64 = 1e-9;
 
 /// The shape basis at the observed keypoints, car frame, m.

@@ -55,7 +55,7 @@ pub(super) fn solve(basis: &Basis, observations: &[Observation], start: &WeakPer
 }
 
 /// Returns the rotation that best moves the points onto their viewing rays (Procrustes about the means). `across` are
-/// the matrices P_i of this file.
+/// the matrices P_i, which project onto the plane across the viewing ray of point i.
 fn turned(
     rotation: &Matrix3<f64>,
     translation: &Vector3<f64>,

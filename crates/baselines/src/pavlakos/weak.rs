@@ -77,8 +77,8 @@ fn best_scale(
     (scale.is_finite() && scale > 0.0).then_some(scale)
 }
 
-/// Returns a better rotation for a given scale and shape. The step is that of Green and Gower for rows on a Stiefel
-/// manifold (Gower & Dijksterhuis 2004, §5.1).
+/// Returns a better rotation for a given scale and shape. The step is that of Green and Gower for two
+/// orthonormal rows, here the first rows of the rotation (Gower & Dijksterhuis 2004, §5.1).
 ///
 /// An image lacks the depths of the points. The current estimate supplies these depths, and the problem becomes a
 /// Procrustes problem. Its solution cannot raise the cost. Pavlakos et al. solve the same sub-problem by optimisation

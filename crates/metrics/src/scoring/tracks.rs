@@ -36,7 +36,7 @@ pub struct TrackScore {
     /// True distance (m) and normalised errors of each pair of a vehicle and a row. The errors in x and y are divided
     /// by the row's standard deviations.
     pub whitened: Vec<(f64, [f64; 2])>,
-    /// Speed and heading errors of each pair of a vehicle and a row.
+    /// Speed and heading errors. There is one entry for each row of a track that was matched with a true vehicle.
     pub motions: Vec<MotionError>,
     /// Jitter of the parked cars: the root mean square displacement between consecutive frames, m. Each unbroken part
     /// of a track has one value.

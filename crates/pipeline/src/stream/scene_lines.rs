@@ -28,8 +28,8 @@ pub(crate) struct LineFinder {
 }
 
 impl LineFinder {
-    /// Creates a finder that searches from the first frame on. If `is_done` is true, the finder searches only after the
-    /// next camera move.
+    /// Creates a finder. It searches from the first frame on, unless `is_done` is true. Then the lines of the current
+    /// camera position are known, and it searches only after the next camera move.
     pub(crate) fn new(is_done: bool) -> Self {
         Self { began_s: None, searches: 0, is_done }
     }

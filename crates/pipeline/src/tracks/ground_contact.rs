@@ -340,6 +340,7 @@ mod tests {
         for (class, label) in [
             (VehicleClass::Truck, VehicleClass::Truck),
             (VehicleClass::Bus, VehicleClass::Bus),
+            (VehicleClass::Motorcycle, VehicleClass::Motorcycle),
             (VehicleClass::Car, VehicleClass::Truck),
         ] {
             for (x_m, y_m, heading_rad) in [(-5.0, 30.0, 0.2), (3.0, 45.0, 1.5), (0.0, 25.0, 2.3)] {

@@ -78,7 +78,7 @@ pub fn fit_car(
 
 /// Fits one car for a given camera from each start: first its pose, then pose and shape.
 ///
-/// Returns one problem per start, at its minimum, with the cost; the lowest cost comes first. Starts that cannot be
+/// Returns one fitted problem per start, with its cost at the minimum that was reached. The lowest cost comes first. Starts that cannot be
 /// evaluated are left out.
 pub(crate) fn fits_from<'a, P: Pose<N>, const N: usize>(
     model: &'a PointModes,

@@ -1,4 +1,5 @@
-//! Sizes of the errors of cars' views: an error of each car alone, and an error that all cars of a camera share.
+//! Estimates the errors of the direction from which a net sees a car. One error is of each car alone, and all cars of a
+//! camera share the other error.
 //!
 //! The settings `solve.keypoints_as_one` and `solve.shared_view_sd_deg` come from this table.
 //!
@@ -12,9 +13,9 @@
 //!
 //! - b_c: the error that all cars of camera c share.
 //! - d_k: the own error of car k.
-//! - σ: the sd that d_k has if keypoint errors are independent (m = 1), scaled by the car's misfit.
+//! - σ: the sd of d_k if keypoint errors are independent (m = 1). A car that fits badly has a larger σ.
 //! - m: the number of keypoints that share one error.
-//! - s: the sd of the shared error.
+//! - s: the sd of b_c.
 //!
 //! The table has the values of m and s with the greatest likelihood on a grid.
 

@@ -73,7 +73,8 @@ fn poses(clips: &[&ClipScore], of: fn(&PoseScore) -> f64) -> Vec<f64> {
     clips.iter().flat_map(|clip| clip.poses.iter().map(of)).collect()
 }
 
-/// Returns the table of each measure without scheduling (off), with scheduling (on), and the difference.
+/// Returns a table with one row per measure: its value without region-of-interest scheduling (off), its value with
+/// scheduling (on), and their difference.
 ///
 /// `clips` holds the scores of each clip: off and on.
 pub(super) fn table(clips: &[[ClipScore; 2]]) -> Table {

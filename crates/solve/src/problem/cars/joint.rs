@@ -1,11 +1,12 @@
-//! Information of the cars on the camera when keypoint errors are correlated within a car and between cars.
+//! The Fisher information that cars give about the camera, if keypoint errors are correlated within a car and between
+//! cars.
 //!
 //! The error model has three parts:
 //!
 //! - Errors of a car's keypoints are correlated, so m keypoints count as one (`ViewErrors::keypoints_as_one`). Some
 //!   cars also have larger errors than others, so each car has a weight w from its misfit (`Misfit::weight`). The cost
 //!   of the car's keypoints is multiplied by w / m.
-//! - A neural net may estimate the keypoints of all cars as if it saw the cars from a wrong elevation, or turned. The
+//! - A neural net may place the keypoints of all cars as if each car were seen from a slightly wrong direction. The
 //!   model is a rotation R(b) of all cars by two small angles b. One axis is horizontal and perpendicular to the line
 //!   of sight, and the other is the line of sight.
 //! - Errors λ of the lens distortion and the principal point shift the undistorted keypoints x of all cars.
