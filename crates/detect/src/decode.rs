@@ -26,8 +26,8 @@ pub(crate) struct Candidate {
 /// Returns the boxes of one output level, in px from the top-left corner of the net's input. A cell gives a box if its
 /// best score is at least `min_score`.
 ///
-/// `scores` has the shape [classes, rows, columns]: one score for each class. `bins` has the shape [44, rows, columns]: 11
-/// logits for each of left, top, right, bottom.
+/// `scores` has the shape [classes, rows, columns]: one score for each class. `bins` has the shape [44, rows, columns]:
+/// 11 logits for each of left, top, right, bottom.
 pub(crate) fn candidates(
     scores: &ArrayView3<'_, f32>,
     bins: &ArrayView3<'_, f32>,

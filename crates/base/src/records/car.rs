@@ -27,7 +27,8 @@ pub struct CarRecord {
     /// Earlier observation of the car, from which the pose is carried over. The car has not moved since that
     /// observation.
     pub pose_from: Option<CarRef>,
-    /// An earlier observation of the same car, with keypoints. It is so recent that new keypoints would add no information.
+    /// An earlier observation of the same car, with keypoints. It is so recent that new keypoints would add no
+    /// information.
     pub seen_after: Option<CarRef>,
     /// Fields that other tools added. They are written back unchanged.
     pub extra: Map<String, Value>,

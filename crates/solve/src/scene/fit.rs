@@ -78,8 +78,8 @@ pub fn fit_car(
 
 /// Fits one car for a given camera from each start: first its pose, then pose and shape.
 ///
-/// Returns one fitted problem per start, with its cost at the minimum that was reached. The lowest cost comes first. Starts that cannot be
-/// evaluated are left out.
+/// Returns one fitted problem per start, with its cost at the minimum that was reached. The lowest cost comes first.
+/// Starts that cannot be evaluated are left out.
 pub(crate) fn fits_from<'a, P: Pose<N>, const N: usize>(
     model: &'a PointModes,
     camera: Vector4<f64>,
