@@ -4,6 +4,7 @@ pub(crate) mod activity;
 pub(crate) mod box_files;
 pub(crate) mod cameras;
 pub(crate) mod dataset;
+pub(crate) mod detector;
 pub mod keypoints;
 pub(crate) mod kitti;
 pub(crate) mod regions;

@@ -3,8 +3,8 @@
 //!
 //! # Contents
 //! ```text
-//! evaluate/   one file or folder per evaluation: activity, box_files, cameras, dataset, keypoints, kitti, regions,
-//!             run (with vehicles), solver, tracker
+//! evaluate/   one file or folder per evaluation: activity, box_files, cameras, dataset, detector, keypoints, kitti,
+//!             regions, run (with vehicles), solver, tracker
 //! systems/    the systems that estimate poses from keypoints (rows of the tables)
 //! tables/     scores as tables and plots with intervals (crate `tables`)
 //! others      error.rs, finished_run.rs, parallel.rs, workplace.rs
@@ -30,6 +30,7 @@ pub use evaluate::activity::{ActivityOptions, evaluate_activity};
 pub use evaluate::box_files::{evaluate_coco, evaluate_mot};
 pub use evaluate::cameras::evaluate_cameras;
 pub use evaluate::dataset::{DatasetOptions, camera_pictures, dataset_pictures, evaluate_dataset};
+pub use evaluate::detector::{DetectorOptions, evaluate_detector};
 pub use evaluate::kitti::{KittiOptions, evaluate_kitti};
 pub use evaluate::regions::evaluate_regions;
 pub use evaluate::run::evaluate_run;

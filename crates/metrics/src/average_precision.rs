@@ -135,6 +135,12 @@ fn at_threshold(pictures: &[&PictureMatch], step: usize) -> Option<f64> {
         hits += usize::from(*hit);
         curve.push((hits as f64 / to_find as f64, hits as f64 / ((i + 1) as f64 + f64::EPSILON)));
     }
+    Some(interpolated_mean(curve))
+}
+
+/// Returns the mean over 101 levels of recall of the best precision from that recall on. `curve` has pairs of recall and
+/// precision, with recalls in rising order.
+pub(crate) fn interpolated_mean(mut curve: Vec<(f64, f64)>) -> f64 {
     // The precision at a recall value is the best precision at that recall or any higher recall.
     let mut best = 0.0f64;
     for point in curve.iter_mut().rev() {
@@ -147,7 +153,7 @@ fn at_threshold(pictures: &[&PictureMatch], step: usize) -> Option<f64> {
         let recall = if k + 1 == RECALL_POINTS { 1.0 } else { k as f64 * 0.01 };
         curve.get(curve.partition_point(|point| point.0 < recall)).map_or(0.0, |point| point.1)
     };
-    Some((0..RECALL_POINTS).map(precision_at).sum::<f64>() / RECALL_POINTS as f64)
+    (0..RECALL_POINTS).map(precision_at).sum::<f64>() / RECALL_POINTS as f64
 }
 
 fn ignored(truth: &TrueBox, size: Size) -> bool {

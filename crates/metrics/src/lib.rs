@@ -10,7 +10,7 @@
 //! scoring/    pairs estimates with true vehicles, and computes the errors of each pair
 //! hota.rs, clear.rs, identity.rs             tracks: HOTA, MOTA, IDF1; their input is in sequence.rs
 //! add.rs, viewpoint.rs, reprojection.rs      poses
-//! average_precision.rs                       boxes
+//! average_precision.rs, detection_curve.rs   boxes
 //! camera.rs, position.rs, motion.rs          cameras, positions, speeds and headings
 //! ```
 
@@ -18,6 +18,7 @@ pub mod add;
 pub mod average_precision;
 pub mod camera;
 pub mod clear;
+pub mod detection_curve;
 mod error;
 pub mod hota;
 pub mod identity;

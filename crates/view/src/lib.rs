@@ -4,12 +4,13 @@
 //! - drawings in the picture: `overlay.rs`, `video.rs` (`labels.rs`, `canvas.rs`, `ground_cells.rs`)
 //! - the view from above: `birds_eye.rs`
 //! - the report: `report.rs`, `report/` (`crops.rs`, `histogram.rs`, `activities.rs`)
-//! - pictures of keypoints and edges: `keypoint_sheet.rs`, `lines.rs`
+//! - pictures of detections, keypoints and edges: `detection_sheet.rs`, `keypoint_sheet.rs`, `lines.rs`
 
 mod activities;
 mod birds_eye;
 mod canvas;
 mod crops;
+mod detection_sheet;
 mod error;
 mod ground_cells;
 mod histogram;
@@ -22,6 +23,7 @@ mod video;
 
 pub use birds_eye::birds_eye;
 pub use canvas::Rgb;
+pub use detection_sheet::{DetectionCase, detection_sheet};
 pub use error::ViewError;
 pub use ground_cells::GroundCells;
 pub use keypoint_sheet::{KeypointCase, keypoint_sheet};

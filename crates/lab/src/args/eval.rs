@@ -49,6 +49,12 @@ pub enum EvalCommand {
     /// Evaluate detections in a COCO file against the true boxes in a second COCO file: average precision by size.
     #[command(after_help = "Example:\n  roadplane-lab eval boxes found.json --truth instances.json")]
     Boxes(EvalFilesArgs),
+    /// Evaluate the detector on pictures with true boxes: average precision, vehicles found, false boxes; by size, class,
+    /// camera and weather; draw the worst pictures.
+    #[command(
+        after_help = "Example:\n  roadplane-lab eval detector boxes.json FOLDER --format f32,int8 --out tables"
+    )]
+    Detector(EvalDetectorArgs),
     /// Evaluate the keypoint network on labelled images: errors per keypoint, size and body type; draw the worst cars.
     #[command(after_help = "Example:\n  roadplane-lab eval keypoints --truth labels.json --images DIR")]
     Keypoints(EvalKeypointsArgs),
@@ -211,6 +217,41 @@ pub struct EvalTrackerArgs {
     #[arg(long, default_value_t = 0, value_name = "N")]
     pub seed: u64,
     /// Write the tables as CSV and HTML into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub config: ConfigArgs,
+}
+
+/// A number format in which the detector runs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum NumberFormat {
+    /// 32-bit numbers.
+    F32,
+    /// 8-bit integers.
+    Int8,
+    /// 16-bit numbers, by OpenVINO.
+    Bf16,
+}
+
+/// Arguments of `roadplane-lab eval detector`.
+#[derive(Debug, Args)]
+pub struct EvalDetectorArgs {
+    /// JSON lists of pictures with true boxes, folders of data sets (dataset.json), or folders of pictures without
+    /// vehicles.
+    #[arg(required = true, value_name = "INPUT")]
+    pub inputs: Vec<PathBuf>,
+    /// Number formats to compare.
+    #[arg(long, value_enum, value_delimiter = ',', default_value = "f32,int8", value_name = "FORMAT")]
+    pub format: Vec<NumberFormat>,
+    /// Ignore vehicles with a narrower box, px; by default, the product's detect.min_width_px.
+    #[arg(long, value_name = "PX")]
+    pub min_width_px: Option<f64>,
+    /// Number of pictures to draw for each input, those with the most errors first.
+    #[arg(long, default_value_t = 8, value_name = "N")]
+    pub worst: usize,
+    /// Write the tables as CSV and HTML, and the drawn pictures, into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
     #[command(flatten)]

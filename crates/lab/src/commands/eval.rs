@@ -3,6 +3,7 @@
 mod activity;
 mod cameras;
 mod dataset;
+mod detector;
 mod keypoints;
 mod kitti;
 mod regions;
@@ -32,6 +33,7 @@ pub fn eval(args: &EvalArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         EvalCommand::Tracks(args) => files(args, evaluate_mot),
         EvalCommand::Tracker(args) => tracker::tracker(args, cancel),
         EvalCommand::Boxes(args) => files(args, evaluate_coco),
+        EvalCommand::Detector(args) => detector::detector(args, cancel),
         EvalCommand::Keypoints(args) => keypoints::keypoints(args, cancel),
         EvalCommand::Solver(args) => solver::solver(args, cancel),
         EvalCommand::Cameras(args) => cameras::cameras(args, cancel),
