@@ -139,7 +139,7 @@ fn at_threshold(pictures: &[&PictureMatch], step: usize) -> Option<f64> {
 }
 
 /// Returns the mean over 101 levels of recall of the best precision from that recall on. `curve` has pairs of recall and
-/// precision, with recalls in rising order.
+/// precision, ordered by rising recall.
 pub(crate) fn interpolated_mean(mut curve: Vec<(f64, f64)>) -> f64 {
     // The precision at a recall value is the best precision at that recall or any higher recall.
     let mut best = 0.0f64;

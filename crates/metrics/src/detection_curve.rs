@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn figures_of_a_known_curve_are_exact() {
+    fn figures_of_a_short_curve_are_exact() {
         // Right, right, false, right, false; a fourth vehicle is not found.
         let truth = [bbox(0.0), bbox(100.0), bbox(200.0), bbox(300.0)];
         let boxes =
@@ -196,7 +196,7 @@ mod tests {
         assert_eq!(curve.at_best_f1(), Counts { found: 3, wrong: 1, score: 0.6 });
         assert_eq!(curve.from_score(0.65), Counts { found: 2, wrong: 1, score: 0.65 });
         assert_eq!(curve.from_score(0.95), Counts { found: 0, wrong: 0, score: 0.95 });
-        // Precision 1 at recalls up to 0.5 (51 levels), and 0.75 up to 0.75 (25 levels).
+        // Precision 1 up to a recall of 0.5 (51 levels), and 0.75 up to 0.75 (25 levels).
         assert!((curve.average_precision() - (51.0 + 25.0 * 0.75) / 101.0).abs() < 1e-9);
         assert!(DetectionCurve::of(&[]).average_precision().is_nan());
     }

@@ -1,4 +1,4 @@
-"""Figures of a detector: average precision, vehicles found at a precision, false boxes."""
+"""The average precision of a detector, to watch its training. `roadplane-lab eval detector` has more figures."""
 
 from __future__ import annotations
 
@@ -62,23 +62,3 @@ class Judged:
         recalls = np.linspace(0, 1, 101)
         index = np.searchsorted(right / self.vehicles, recalls - 1e-9)
         return 100 * float(np.append(best, 0.0)[np.minimum(index, len(best))].mean())
-
-    def found_at(self, least_precision: float) -> tuple[int, float]:
-        """Returns the most vehicles that are found with this precision, and the score from which that is."""
-        scores, right, precision = self.curve()
-        good = np.flatnonzero(precision >= least_precision)
-        return (int(right[good[-1]]), float(scores[good[-1]])) if len(good) else (0, 1.0)
-
-    def best_f1(self) -> tuple[int, int, float]:
-        """Returns vehicles found, false boxes and score where the harmonic mean of precision and recall is best."""
-        scores, right, precision = self.curve()
-        if not len(right):
-            return 0, 0, 1.0
-        k = int((2 * right / (np.arange(1, len(right) + 1) + self.vehicles)).argmax())
-        return int(right[k]), k + 1 - int(right[k]), float(scores[k])
-
-    def from_score(self, least: float) -> tuple[int, int]:
-        """Returns vehicles found and false boxes from a score on."""
-        kept = np.array(self.scores) >= least
-        right = np.array(self.right, bool)
-        return int((kept & right).sum()), int((kept & ~right).sum())

@@ -132,15 +132,3 @@ def with_classes(net: NanoDet, classes: int) -> NanoDet:
             state[name] = torch.cat([old[: net.classes], new, old[net.classes :]])
     wider.load_state_dict(state)
     return wider
-
-
-def first_classes(net: NanoDet, classes: int) -> NanoDet:
-    """Returns a copy that has the first classes alone."""
-    state = net.state_dict()
-    for k in range(len(STRIDES)):
-        for kind in ("weight", "bias"):
-            name = f"heads.{k}.out.{kind}"
-            state[name] = torch.cat([state[name][:classes], state[name][net.classes :]])
-    fewer = NanoDet(classes)
-    fewer.load_state_dict(state)
-    return fewer

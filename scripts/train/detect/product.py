@@ -1,24 +1,16 @@
-"""Runs a net in the product's own binary."""
+"""Puts a trained net in place of the product's own one."""
 
 from __future__ import annotations
 
 import hashlib
 import json
-import subprocess
-import tempfile
-from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-import numpy as np
-
 from roadplane_train.cars.mesh import REPOSITORY
-from roadplane_train.detect.model import first_classes
-from roadplane_train.detect.onnx_file import read_net, write_net
+from roadplane_train.detect.model import CLASSES
+from roadplane_train.detect.onnx_file import read_net
 
-PROGRAM = REPOSITORY / "target/release/roadplane"
 MODELS = REPOSITORY / "models"
-LEAST_SCORE = 0.05
-CLASSES = 3  # that the product reads so far: car, truck, bus
 
 
 def write_models(net: Path, folder: Path) -> None:
@@ -26,30 +18,18 @@ def write_models(net: Path, folder: Path) -> None:
     for path in MODELS.iterdir():
         if path.name not in ("detector.card.json", "detector.onnx"):
             (folder / path.name).symlink_to(path)
-    write_net(first_classes(read_net(net), CLASSES), folder / "detector.onnx", half=True)
-    data = (folder / "detector.onnx").read_bytes()
-    card = json.loads((MODELS / "detector.card.json").read_text())
-    card["sha256"] = hashlib.sha256(data).hexdigest()
-    card.pop("variants", None)
+    data = net.read_bytes()
+    (folder / "detector.onnx").write_bytes(data)
+    card = card_of(json.loads((MODELS / "detector.card.json").read_text()), data, read_net(net).classes)
     (folder / "detector.card.json").write_text(json.dumps(card, indent=2))
 
 
-def detect(
-    pictures: Iterable[Path], net: Path | None = None, settings: Iterable[str] = (), program: Path = PROGRAM
-) -> Iterator[np.ndarray]:
-    """Yields the boxes [n, 5] of each picture: left, top, right, bottom, score, in the product's pixels.
-
-    Without a net it runs the one in models/. The precision is f32, unless a setting says otherwise.
-    """
-    with tempfile.TemporaryDirectory() as name:
-        options = ["infer.provider=cpu", f"detect.min_score={LEAST_SCORE}", *settings]
-        if net:
-            write_models(net, Path(name))
-            options.append(f"models.folder={name}")
-        for picture in pictures:
-            command = [str(program), "stage", "detect", "--out", "-", *(w for option in options for w in ("--set", option))]
-            done = subprocess.run([*command, str(picture)], capture_output=True, text=True, check=False)
-            if done.returncode:
-                raise RuntimeError(f"{program} failed on {picture}:\n{done.stderr}")
-            rows = [[*car["bbox_px"], car["score"]] for car in json.loads(done.stdout.splitlines()[0])["cars"]]
-            yield np.array(rows).reshape(-1, 5)
+def card_of(card: dict, data: bytes, classes: int) -> dict:
+    """Returns the card of the product's net, changed for the file `data` with the first classes of CLASSES."""
+    outputs = [
+        {**output, "shape": ["batch", classes, *output["shape"][2:]]} if output["name"].startswith("scores_") else output
+        for output in card["outputs"]
+    ]
+    changed = {**card, "sha256": hashlib.sha256(data).hexdigest(), "classes": list(CLASSES[:classes]), "outputs": outputs}
+    changed.pop("variants", None)
+    return changed
