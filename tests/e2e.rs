@@ -9,6 +9,7 @@ mod demo_clip;
 mod export;
 mod golden_chain;
 mod messages;
+mod moving_camera;
 mod pieces;
 mod real_clips;
 mod reliability;

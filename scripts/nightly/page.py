@@ -15,6 +15,7 @@ from clips import camera_of, recorded
 from step import CAMERA, Json, read_json, write_json
 
 FINISHED = (0, 3)
+OUTCOMES = ("done", "partly followed", "damaged", "lost", "failed", "not done")
 
 
 def clip_of(planned: Json, camera_id: str) -> Json:
@@ -39,6 +40,7 @@ def clip_of(planned: Json, camera_id: str) -> Json:
     clip |= {
         "frames": counts["frames_read"],
         "frames_lost": counts["frames_lost"],
+        "frames_not_followed": counts["frames_not_followed"],
         "tracks": counts["tracks"],
         "warnings": summary["warnings"],
         "moves": len(summary["watch"]["moves"]),
@@ -117,7 +119,7 @@ def main() -> None:
         planned.setdefault(piece["stem"], piece)
     clips = [clip_of(piece, args.camera_id) for piece in planned.values()]
     clips.sort(key=lambda clip: (clip["camera"], clip["recorded"], clip["stem"]))
-    outcomes = {o: sum(clip["outcome"] == o for clip in clips) for o in ("done", "damaged", "lost", "failed", "not done")}
+    outcomes = {o: sum(clip["outcome"] == o for clip in clips) for o in OUTCOMES}
     night: Json = {
         "clips": clips,
         "outcomes": outcomes,

@@ -7,7 +7,7 @@
 - `step.py result … STATUS PIECE_STATUS…`: joins pieces with the stored camera.
 - `step.py verdict night.json`: exits with 1 if a machine failed for good.
 
-The exit code of roadplane decides. 0 and 3 (the input is damaged or lost) count as finished. With any other code, the
+The exit code of roadplane decides. 0 and 3 (the input is damaged, lost or partly followed) count as finished. With any other code, the
 step ends with that code, so that the engine tries it again. At the last attempt the status file records the failure, so
 that the night continues without it. Each attempt leaves a file in log/ with its beginning and its end; an attempt
 without an end was killed.
@@ -31,6 +31,8 @@ Json = dict[str, Any]
 LAST_ATTEMPT = 3
 INPUT_AT_FAULT = 3
 SAID_LINES = 20
+# Outcome of a clip by the `status` of its summary.json.
+OUTCOME_OF_RUN = {"complete": "done", "partly_followed": "partly followed", "input_damaged": "damaged"}
 # Fields of camera.json that describe a camera.
 CAMERA = ("status", "focal_px", "focal_sd_px", "height_m", "height_sd_m", "tilt_rad", "tilt_sd_rad")
 
@@ -137,6 +139,7 @@ def join(args: argparse.Namespace) -> None:
     status |= ended
     if ended["exit"] not in (0, INPUT_AT_FAULT):
         return give_up(args, status)
+    status["outcome"] = OUTCOME_OF_RUN[read_json(work / stem / "summary.json")["status"]]
     if args.step == "result":
         result = Path("results") / stem
         result.parent.mkdir(exist_ok=True)
@@ -148,8 +151,7 @@ def join(args: argparse.Namespace) -> None:
         camera = read_json(work / stem / "camera.json")
         status["alone"] = {key: camera[key] for key in CAMERA}
     shutil.rmtree(work, ignore_errors=True)
-    damaged = ended["exit"] == INPUT_AT_FAULT
-    write_json(args.status, status | {"outcome": "damaged" if damaged else "done"})
+    write_json(args.status, status)
 
 
 def cameras(args: argparse.Namespace) -> None:

@@ -39,6 +39,7 @@ fn frame() -> FrameRecord {
         }),
         changed: Some(0.125),
         seen: None,
+        not_followed: false,
     };
     FrameRecord {
         watch: Some(watch),

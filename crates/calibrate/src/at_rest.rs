@@ -70,6 +70,9 @@ where
         if self.is_moving || shows_no_rest {
             leave_out_vehicles(&mut frame);
         }
+        if let Some(watch) = frame.watch.as_mut().filter(|watch| !watch.verdict.is_blind()) {
+            watch.not_followed |= self.is_moving || watch.verdict == PictureVerdict::Moving;
+        }
         settle(&mut frame);
         Some(Ok(frame))
     }
@@ -111,6 +114,7 @@ impl<I> AtRest<I> {
         };
         for frame in self.held_back.iter_mut().rev().take_while(|frame| unsettled(frame)) {
             leave_out_vehicles(frame);
+            frame.watch.iter_mut().for_each(|watch| watch.not_followed = true);
         }
     }
 }
@@ -197,6 +201,9 @@ mod tests {
         let empty: Vec<u64> =
             settled(frames.clone()).iter().filter(|f| f.cars.is_empty()).map(|f| f.frame).collect();
         assert_eq!(empty, (50..110).chain(195..200).collect::<Vec<_>>());
+        let not_followed = |f: &&FrameRecord| f.watch.as_ref().is_some_and(|watch| watch.not_followed);
+        let marked: Vec<u64> = settled(frames.clone()).iter().filter(not_followed).map(|f| f.frame).collect();
+        assert_eq!(marked, empty);
         assert!(settled(frames).iter().all(|f| f.weak.len() == f.cars.len()));
     }
 

@@ -28,10 +28,12 @@ struct Counts {
     running: AtomicU64,
     done: AtomicU64,
     damaged: AtomicU64,
+    partly_followed: AtomicU64,
     /// Inputs without a result, by cause: input, configuration or machine.
     failed: [(&'static str, AtomicU64); 3],
     frames: AtomicU64,
     frames_lost: AtomicU64,
+    frames_not_followed: AtomicU64,
     tracks: AtomicU64,
 }
 
@@ -51,9 +53,11 @@ impl Metrics {
             running: AtomicU64::new(0),
             done: AtomicU64::new(0),
             damaged: AtomicU64::new(0),
+            partly_followed: AtomicU64::new(0),
             failed: ["input", "configuration", "machine"].map(|fault| (fault, AtomicU64::new(0))),
             frames: AtomicU64::new(0),
             frames_lost: AtomicU64::new(0),
+            frames_not_followed: AtomicU64::new(0),
             tracks: AtomicU64::new(0),
         }))
     }
@@ -69,10 +73,15 @@ impl Metrics {
         counts.running.fetch_sub(1, Relaxed);
         match result {
             Ok(report) => {
-                let state = if report.damaged { &counts.damaged } else { &counts.done };
+                let state = match (report.damaged, report.partly_followed) {
+                    (true, _) => &counts.damaged,
+                    (false, true) => &counts.partly_followed,
+                    (false, false) => &counts.done,
+                };
                 state.fetch_add(1, Relaxed);
                 counts.tracks.fetch_add(report.tracks.unwrap_or(0), Relaxed);
                 counts.frames_lost.fetch_add(report.frames_lost, Relaxed);
+                counts.frames_not_followed.fetch_add(report.frames_not_followed, Relaxed);
             }
             Err(error) => {
                 let fault = match error.fault() {
@@ -102,8 +111,15 @@ impl Metrics {
         put("roadplane_run_info", "gauge", "The run.", &[(info, 1.0)]);
         let (running, done, damaged) = (of(&counts.running), of(&counts.done), of(&counts.damaged));
         let failed: u64 = counts.failed.iter().map(|(_, count)| of(count)).sum();
-        let waiting = counts.inputs.saturating_sub(running + done + damaged + failed);
-        let states = [("waiting", waiting), ("running", running), ("done", done), ("damaged", damaged)];
+        let partly_followed = of(&counts.partly_followed);
+        let waiting = counts.inputs.saturating_sub(running + done + damaged + partly_followed + failed);
+        let states = [
+            ("waiting", waiting),
+            ("running", running),
+            ("done", done),
+            ("damaged", damaged),
+            ("partly_followed", partly_followed),
+        ];
         let mut inputs: Vec<(String, f64)> =
             states.iter().map(|(state, n)| (format!("{{state=\"{state}\"}}"), *n as f64)).collect();
         inputs.push(("{state=\"failed\"}".to_owned(), failed as f64));
@@ -127,6 +143,11 @@ impl Metrics {
             "roadplane_frames_lost_total",
             "Frames of finished inputs that could not be decoded.",
             &counts.frames_lost,
+        );
+        total(
+            "roadplane_frames_not_followed_total",
+            "Frames of finished inputs in which vehicles were not followed, because the camera moved.",
+            &counts.frames_not_followed,
         );
         total("roadplane_tracks_total", "Tracks of finished inputs.", &counts.tracks);
         let seconds = counts.started.elapsed().as_secs_f64();
@@ -234,7 +255,7 @@ mod tests {
 
     #[test]
     fn counts_are_served_on_loopback_only() {
-        let metrics = Metrics::new("night \"1\"", 5);
+        let metrics = Metrics::new("night \"1\"", 6);
         metrics.begin();
         metrics.end(&Err(PipelineError::usage("x")));
         metrics.begin();
@@ -244,8 +265,12 @@ mod tests {
             camera: String::new(),
             damaged: true,
             frames_lost: 3,
+            partly_followed: false,
+            frames_not_followed: 2,
         };
-        metrics.end(&Ok(report));
+        metrics.end(&Ok(report.clone()));
+        metrics.begin();
+        metrics.end(&Ok(RunReport { damaged: false, partly_followed: true, frames_lost: 0, ..report }));
         metrics.begin();
         let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
         serve(free, &metrics).unwrap();
@@ -264,8 +289,10 @@ mod tests {
             "roadplane_inputs{state=\"running\"} 1",
             "roadplane_inputs{state=\"damaged\"} 1",
             "roadplane_failures_total{fault=\"configuration\"} 1",
+            "roadplane_inputs{state=\"partly_followed\"} 1",
             "roadplane_frames_lost_total 3",
-            "roadplane_tracks_total 7",
+            "roadplane_frames_not_followed_total 4",
+            "roadplane_tracks_total 14",
         ] {
             assert!(text.lines().any(|l| l == line), "{line} is missing in\n{text}");
         }

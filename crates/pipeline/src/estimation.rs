@@ -13,6 +13,7 @@ use crate::cameras::camera_track::CameraTrack;
 use crate::cameras::estimate::estimate_cameras;
 use crate::cameras::known::contradiction;
 use crate::cameras::memory::CameraHistory;
+use crate::not_followed::{FollowCount, NotFollowed};
 use crate::tracks::cars::any_car;
 use crate::tracks::known::tracked_cars;
 use crate::tracks::pass::{Pass, Tally};
@@ -39,6 +40,8 @@ pub struct ClipSolution {
     pub poses_used: u64,
     /// Counts of detected and rejected cars.
     pub tally: Tally,
+    /// Frames in which vehicles were not followed, because the camera moved.
+    pub not_followed: NotFollowed,
     /// Warnings about the result, for the user.
     pub warnings: Vec<String>,
 }
@@ -151,8 +154,13 @@ pub(crate) fn solve_constrained_clip(
         })))
     };
     let Given { constraints, history, site, most_rows } = *given;
-    let mut load = Load::default();
-    let counted = read()?.inspect(|frame| frame.iter().for_each(|frame| load.add(frame)));
+    let (mut load, mut follow) = (Load::default(), FollowCount::default());
+    let counted = read()?.inspect(|frame| {
+        if let Ok(frame) = frame {
+            load.add(frame);
+            follow.add(frame);
+        }
+    });
     let mut cameras =
         estimate_cameras(counted, &read_scene_curves(frames)?, atlas, constraints, history, config)?;
     let mut warnings = warnings_of(&cameras);
@@ -167,9 +175,13 @@ pub(crate) fn solve_constrained_clip(
     let contradictions = cameras.constraints().iter().filter_map(contradiction);
     let on_constraints: Vec<String> =
         contradictions.chain(constraints.silent_later().filter(|_| cameras.moves() > 0)).collect();
+    let not_followed = follow.sum();
+    let on_motion = not_followed.in_words();
+    on_motion.iter().for_each(|warning| tracing::warn!("{warning}"));
     let on_map = if site.is_some() { &warnings[..] } else { &[] };
     on_map.iter().chain(&on_constraints).for_each(|warning| tracing::warn!("{warning}"));
     warnings.extend(on_constraints);
+    warnings.extend(on_motion);
     let any_car = any_car(atlas, cameras.size_of_cars());
     let pass = Pass {
         cameras: &cameras,
@@ -225,6 +237,7 @@ pub(crate) fn solve_constrained_clip(
         reprojection_rms_px,
         poses_used,
         tally,
+        not_followed,
         warnings,
     })
 }

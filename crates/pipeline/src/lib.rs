@@ -29,6 +29,7 @@ mod estimation;
 mod identity;
 mod limits;
 mod models;
+mod not_followed;
 mod options;
 mod output;
 mod progress;

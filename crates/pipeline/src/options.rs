@@ -67,4 +67,16 @@ pub struct RunReport {
     pub damaged: bool,
     /// Number of frames that could not be decoded.
     pub frames_lost: u64,
+    /// Whether vehicles were not followed in much of the input, because the camera moved.
+    pub partly_followed: bool,
+    /// Number of frames in which vehicles were not followed, because the camera moved.
+    pub frames_not_followed: u64,
+}
+
+impl RunReport {
+    /// Whether a part of the input is missing from the result: lost, damaged or not followed.
+    #[must_use]
+    pub fn is_partial(&self) -> bool {
+        self.damaged || self.partly_followed
+    }
 }

@@ -7,7 +7,7 @@ use roadplane_pipeline::{Fault, too_small_address_space};
 
 use crate::Outcome;
 
-/// Exit code for damaged or lost input. Results are still written for all readable parts of the input.
+/// Exit code for input that is damaged, lost or only partly followed. Results are still written for all other parts.
 const DAMAGED: u8 = 3;
 
 /// Returns the exit code for the outcome of a command, and logs the error if the command failed.

@@ -5,6 +5,6 @@
 pub enum Outcome {
     /// Everything was read and written.
     Done,
-    /// Some input was damaged or lost. Results were written for all readable parts.
+    /// Some input was damaged, lost or only partly followed. Results were written for all other parts.
     Damaged,
 }

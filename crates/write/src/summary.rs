@@ -23,6 +23,8 @@ pub enum RunStatus {
     Complete,
     /// A part of the input was damaged or lost. `counts` contains the number of lost frames.
     InputDamaged,
+    /// The input was read, but vehicles were not followed in more than 5 % of its frames, because the camera moved.
+    PartlyFollowed,
 }
 
 /// The input, versions, settings, counts, warnings and times of a run.
@@ -34,7 +36,7 @@ pub struct Summary {
     pub schema: String,
     /// Outcome of the run.
     pub status: RunStatus,
-    /// Exit code of the run: 0, or 3 if the input is damaged.
+    /// Exit code of the run: 0, or 3 if the input is damaged or only partly followed.
     #[schemars(extend("enum" = [0, 3]))]
     pub exit_code: u8,
     /// Versions of the program and its libraries by name, such as `roadplane`, `onnxruntime`, `opencv`.
@@ -154,6 +156,14 @@ pub struct WatchSummary {
     /// Largest shift of the picture by camera shake, px. A shift below half a pixel counts as 0.
     #[schemars(range(min = 0))]
     pub farthest_shake_px: f64,
+    /// Time in which vehicles were not followed because the camera moved, s.
+    #[serde(default)]
+    #[schemars(range(min = 0))]
+    pub not_followed_s: f64,
+    /// Share of the frames in which vehicles were not followed because the camera moved, 0 to 1.
+    #[serde(default)]
+    #[schemars(range(min = 0, max = 1))]
+    pub not_followed_share: f64,
 }
 
 /// An interval in which the state of the camera does not change.
@@ -178,6 +188,9 @@ pub struct Counts {
     pub frames_lost: u64,
     /// Number of decoded frames that were not processed because of the settings.
     pub frames_skipped: u64,
+    /// Number of frames in which vehicles were not followed because the camera moved.
+    #[serde(default)]
+    pub frames_not_followed: u64,
     /// Number of detected boxes by class of vehicle.
     pub boxes: BTreeMap<String, u64>,
     /// Number of rejected cars by reason of rejection.
@@ -209,6 +222,8 @@ pub fn write_summary(path: &Path, summary: &Summary) -> Result<(), WriteError> {
     SUMMARY_SCHEMA.clone_into(&mut summary.schema);
     summary.wall_s = decimals(summary.wall_s, 3);
     summary.frames_per_s = decimals(summary.frames_per_s, 3);
+    summary.watch.not_followed_s = decimals(summary.watch.not_followed_s, 3);
+    summary.watch.not_followed_share = decimals(summary.watch.not_followed_share, 4);
     summary.seconds.iter_mut().for_each(|s| s.seconds = decimals(s.seconds, 3));
     summary.speed = summary.speed.map(|speed| speed.rounded());
     write_json(path, &summary)

@@ -58,6 +58,10 @@ pub struct WatchRecord {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0, max = 1))]
     pub seen: Option<f64>,
+    /// Whether the frame's vehicles were left out of the estimation because the camera moved. It is not stored in
+    /// files: `AtRest` of the crate `calibrate` sets it.
+    #[serde(skip)]
+    pub not_followed: bool,
 }
 
 fn is_zero(offset_px: &[f64; 2]) -> bool {

@@ -57,5 +57,5 @@ pub fn join(args: &JoinArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     }
     let tracks = report.tracks.map_or_else(String::new, |n| format!("{n} tracks, "));
     tracing::info!("{tracks}{}: {}", report.camera, report.folder.display());
-    Ok(if report.damaged { Outcome::Damaged } else { Outcome::Done })
+    Ok(if report.is_partial() { Outcome::Damaged } else { Outcome::Done })
 }

@@ -110,7 +110,7 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     }
     match worst.error {
         Some(error) => Err(error.into()),
-        None if worst.damaged => Ok(Outcome::Damaged),
+        None if worst.is_partial => Ok(Outcome::Damaged),
         None => Ok(Outcome::Done),
     }
 }
@@ -128,7 +128,7 @@ fn needs(args: &RunArgs, config: &Config) -> Needs {
 /// The order, from worst to mildest, is: stopped, internal error, refused model, locked folder, usage error, bad input.
 #[derive(Default)]
 struct Worst {
-    damaged: bool,
+    is_partial: bool,
     error: Option<PipelineError>,
     finished: Vec<PathBuf>,
 }
@@ -140,7 +140,7 @@ impl Worst {
                 let tracks = report.tracks.map_or_else(String::new, |n| format!("{n} tracks, "));
                 let camera = &report.camera;
                 tracing::info!("{}: {tracks}{camera}: {}", input.display(), report.folder.display());
-                self.damaged |= report.damaged;
+                self.is_partial |= report.is_partial();
                 self.finished.push(report.folder);
             }
             Err(error) => {

@@ -11,8 +11,8 @@ use crate::args::stage::{ActivityArgs, DetectArgs, KeypointsArgs, MethodArg, Sol
 use crate::sandbox::{self, Needs};
 use roadplane_terminal::{Bar, Outcome};
 
-fn outcome(damaged: bool) -> Outcome {
-    if damaged { Outcome::Damaged } else { Outcome::Done }
+fn outcome(is_partial: bool) -> Outcome {
+    if is_partial { Outcome::Damaged } else { Outcome::Done }
 }
 
 /// Detects the vehicles of an input, and writes frames with boxes.
@@ -74,7 +74,7 @@ pub fn track(args: &TrackArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let report = track_file(&args.frames, out, &stem, &constraints, existing, &config, cancel)?;
     let tracks = report.tracks.unwrap_or(0);
     tracing::info!("{tracks} tracks, {}: {}", report.camera, report.folder.display());
-    Ok(Outcome::Done)
+    Ok(outcome(report.is_partial()))
 }
 
 fn stem_of_folder(folder: &Path) -> String {

@@ -187,7 +187,16 @@ pub fn run_piece(
 
 fn report(folder: PathBuf, decode: &DecodeReport) -> RunReport {
     let camera = "a piece".to_owned();
-    RunReport { folder, tracks: None, camera, damaged: decode.is_damaged(), frames_lost: decode.missing }
+    RunReport {
+        folder,
+        tracks: None,
+        camera,
+        damaged: decode.is_damaged(),
+        frames_lost: decode.missing,
+        // Known only once the pieces are joined.
+        partly_followed: false,
+        frames_not_followed: 0,
+    }
 }
 
 /// Reads `piece.json` from the folder of a piece.

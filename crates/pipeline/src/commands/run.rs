@@ -77,6 +77,8 @@ pub(crate) fn finished_before(
         camera: "finished before".to_owned(),
         damaged: summary.status == RunStatus::InputDamaged,
         frames_lost: summary.counts.frames_lost,
+        partly_followed: summary.status == RunStatus::PartlyFollowed,
+        frames_not_followed: summary.counts.frames_not_followed,
     }))
 }
 
@@ -110,5 +112,7 @@ fn publish(
         camera: solution.camera_in_words(),
         damaged: decode.is_damaged(),
         frames_lost: decode.missing,
+        partly_followed: solution.not_followed.is_much(),
+        frames_not_followed: solution.not_followed.frames,
     })
 }

@@ -64,5 +64,13 @@ pub fn track_file(
     write_summary(&folder.path().join("summary.json"), &summary)?;
     let tracks = Some(solution.shapes.len() as u64);
     let camera = solution.camera_in_words();
-    Ok(RunReport { folder: folder.publish()?, tracks, camera, damaged: false, frames_lost: 0 })
+    Ok(RunReport {
+        folder: folder.publish()?,
+        tracks,
+        camera,
+        damaged: false,
+        frames_lost: 0,
+        partly_followed: solution.not_followed.is_much(),
+        frames_not_followed: solution.not_followed.frames,
+    })
 }

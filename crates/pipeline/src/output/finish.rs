@@ -102,7 +102,6 @@ fn summary_of(perceived: &Perceived, solution: &ClipSolution, config: &Config) -
     let decode = &perceived.decode;
     let mut summary = Summary {
         status: if decode.is_damaged() { RunStatus::InputDamaged } else { RunStatus::Complete },
-        exit_code: if decode.is_damaged() { 3 } else { 0 },
         versions: versions(),
         input: perceived.input.clone(),
         models: perceived.models.clone(),
@@ -129,7 +128,7 @@ fn summary_of(perceived: &Perceived, solution: &ClipSolution, config: &Config) -
     summary
 }
 
-/// Adds the results of estimation to a summary: counts, warnings, user constraints and lines of the scene.
+/// Adds the results of estimation to a summary: status, counts, warnings, user constraints and lines of the scene.
 pub fn note_solution(summary: &mut Summary, solution: &ClipSolution) {
     let counts = &mut summary.counts;
     counts.boxes = solution.tally.boxes.clone();
@@ -137,6 +136,13 @@ pub fn note_solution(summary: &mut Summary, solution: &ClipSolution) {
     counts.poses_used = solution.poses_used;
     counts.tracks = solution.shapes.len() as u64;
     counts.track_rows = solution.row_count;
+    counts.frames_not_followed = solution.not_followed.frames;
+    if solution.not_followed.is_much() && summary.status == RunStatus::Complete {
+        summary.status = RunStatus::PartlyFollowed;
+    }
+    summary.exit_code = if summary.status == RunStatus::Complete { 0 } else { 3 };
+    summary.watch.not_followed_s = solution.not_followed.seconds;
+    summary.watch.not_followed_share = solution.not_followed.share;
     summary.known = solution.cameras.constraints().to_vec();
     summary.scene_lines = solution.cameras.scene().iter().map(SceneView::summary).collect();
     summary.warnings.extend(solution.warnings.iter().cloned());

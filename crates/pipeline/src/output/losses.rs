@@ -9,10 +9,15 @@ use roadplane_write::Counts;
 /// Returns one sentence for each kind of loss. The list is empty if nothing was lost.
 pub(crate) fn losses_in_words(counts: &Counts, rows: &[TrackRow], options: &DecodeOptions) -> Vec<String> {
     let mut sentences = Vec::new();
-    let &Counts { frames_read, frames_lost, frames_skipped, .. } = counts;
+    let &Counts { frames_read, frames_lost, frames_skipped, frames_not_followed, .. } = counts;
     if frames_lost > 0 {
         sentences
             .push(format!("{frames_lost} of {} frames could not be decoded.", frames_read + frames_lost));
+    }
+    if frames_not_followed > 0 {
+        sentences.push(format!(
+            "Vehicles were not followed in {frames_not_followed} frames, because the camera moved."
+        ));
     }
     sentences.extend(left_out(options));
     if frames_skipped > 0 {
