@@ -40,7 +40,7 @@ def clip_of(planned: Json, camera_id: str) -> Json:
     clip |= {
         "frames": counts["frames_read"],
         "frames_lost": counts["frames_lost"],
-        "frames_not_followed": counts["frames_not_followed"],
+        "frames_not_followed": counts.get("frames_not_followed", 0),
         "tracks": counts["tracks"],
         "warnings": summary["warnings"],
         "moves": len(summary["watch"]["moves"]),

@@ -7,10 +7,10 @@
 - `step.py result … STATUS PIECE_STATUS…`: joins pieces with the stored camera.
 - `step.py verdict night.json`: exits with 1 if a machine failed for good.
 
-The exit code of roadplane decides. 0 and 3 (the input is damaged, lost or partly followed) count as finished. With any other code, the
-step ends with that code, so that the engine tries it again. At the last attempt the status file records the failure, so
-that the night continues without it. Each attempt leaves a file in log/ with its beginning and its end; an attempt
-without an end was killed.
+The exit code of roadplane decides. 0 and 3 (the input is damaged, lost or partly followed) count as finished. With any
+other code, the step ends with that code, so that the engine tries it again. At the last attempt the status file records
+the failure, so that the night continues without it. Each attempt leaves a file in log/ with its beginning and its end;
+an attempt without an end was killed.
 """
 
 import argparse
@@ -139,7 +139,10 @@ def join(args: argparse.Namespace) -> None:
     status |= ended
     if ended["exit"] not in (0, INPUT_AT_FAULT):
         return give_up(args, status)
-    status["outcome"] = OUTCOME_OF_RUN[read_json(work / stem / "summary.json")["status"]]
+    summary = work / stem / "summary.json"
+    if not summary.is_file():
+        return write_json(args.status, status | {"outcome": "lost"})
+    status["outcome"] = OUTCOME_OF_RUN[read_json(summary)["status"]]
     if args.step == "result":
         result = Path("results") / stem
         result.parent.mkdir(exist_ok=True)

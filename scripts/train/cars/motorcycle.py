@@ -11,7 +11,7 @@ from .mesh import MATERIALS, CarMesh
 SIDES, RINGS = 10, 5  # of a limb
 HELMET_M = 0.15  # radius
 PILLION_SHARE = 0.15
-# Joints of a rider on a seat, m: beside the middle, from the seat's point forwards, left, up. ESTIMATES of an adult.
+# Joints of a rider's left side, m forwards, left and up of the seat. ESTIMATES of an adult.
 HIP, SHOULDER, ELBOW, HAND = (0.0, 0.11, 0.06), (0.18, 0.19, 0.5), (0.38, 0.27, 0.28), (0.58, 0.3, 0.26)
 KNEE, FOOT = (0.38, 0.2, -0.05), (0.16, 0.2, -0.45)
 

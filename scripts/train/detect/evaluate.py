@@ -3,8 +3,8 @@
   roadplane-train detect evaluate [--net FILE] [INPUT ...] [--out DIR] [--set KEY=VALUE]
 
 It needs a release build (`cargo build --release`). FILE is an ONNX file or a checkpoint. Without it the net of models/
-is measured. An INPUT is a list of pictures with boxes, a data set, or a folder of pictures without vehicles. By default
-these are eval.json and rolled.json of ../shared/data/detect, which are for measuring only.
+is measured. An INPUT is a list of pictures with boxes, a data set, or a folder of pictures without vehicles. Without
+INPUT it measures eval.json and rolled.json of ../shared/data/detect, which are for measuring only.
 """
 
 from __future__ import annotations

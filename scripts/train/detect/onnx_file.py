@@ -1,7 +1,7 @@
 """Reads the net from its ONNX file, and writes a trained net in the same form.
 
 The written file has the graph of models/detector.onnx: the same names, inputs and outputs, other weights. So the
-product and `scripts/models/quantise.py` take it as it is; only the card's sha256 changes.
+product and `scripts/models/quantise.py` take it as it is. The card changes in its sha256, and perhaps in its classes.
 """
 
 from __future__ import annotations

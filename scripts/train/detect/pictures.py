@@ -25,6 +25,7 @@ NEAREST_M = 0.5  # depth of a corner that is projected
 # None of these may be learnt from.
 MEASURED_ONLY = ("eval", "rolled")
 CLASS_NUMBERS = {name: number for number, name in enumerate(CLASSES)}
+AMBULANCES = CLASSES[:3]  # classes that an ambulance may have
 CLASS_NUMBERS["moto"] = CLASS_NUMBERS["motorcycle"]  # the teachers' name
 
 
@@ -110,7 +111,7 @@ def labelled_picture(folder: Path, record: dict) -> Picture:
     for *box, name in record["labels"]:
         box = np.array(box)
         if name == "ambulance":
-            known = [kind for other, _, kind in teachers if _iou(box, other) >= SAME_VEHICLE_IOU and kind in CLASS_NUMBERS]
+            known = [kind for other, _, kind in teachers if _iou(box, other) >= SAME_VEHICLE_IOU and kind in AMBULANCES]
             name = known[0] if known else "car"
         boxes.append(box)
         classes.append(CLASS_NUMBERS.get(name, IGNORED))

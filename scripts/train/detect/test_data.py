@@ -21,7 +21,7 @@ from roadplane_train.detect.data import Prefetch, Sampler, batch_of, whole_pictu
 from roadplane_train.detect.frames import stills_of
 from roadplane_train.detect.outlines import bounds, octagon, visible_outline
 from roadplane_train.detect.panoramas import exposed, write_panoramas
-from roadplane_train.detect.pictures import IGNORED, Picture, empty_pictures, labelled_picture, rendered_pictures
+from roadplane_train.detect.pictures import IGNORED, Picture, _corners_px, empty_pictures, labelled_picture, rendered_pictures
 
 LOTS = REPOSITORY / "tests/data/lots/scenes"
 
@@ -229,3 +229,18 @@ def test_panoramas_become_photographs(tmp_path: Path) -> None:
     assert (tmp_path / "out/measure/sky.png").exists()
     pixels = exposed(radiance)
     assert pixels.dtype == np.uint8 and pixels[3, 0, 0] > pixels[0, 0, 0] > 0
+
+
+def test_lorries_are_outlined_by_their_cuboid(lots: list[Picture]) -> None:
+    """The outline has the bounds of the box, and is tighter than an octagon once it is rolled."""
+    camera = {
+        "camera_from_world": np.eye(4).tolist(),
+        "focal_px": 1000.0,
+        "principal_point_px": [640.0, 360.0],
+    }
+    # The lorry is 20 m before the camera, seen from the side; the camera's y points down.
+    world_from_car = np.array([[1.0, 0, 0, 0], [0, 0, -1, 2], [0, 1, 0, 20], [0, 0, 0, 1]])
+    corners = _corners_px(camera, world_from_car, [8.0, 2.5, 3.0])
+    assert corners.shape == (8, 2)
+    np.testing.assert_allclose(corners.max(0) - corners.min(0), [8000 / 18.75, 3000 / 18.75], rtol=0.02)
+    assert not len(_corners_px(camera, np.array([[1.0, 0, 0, 0], [0, 0, -1, 2], [0, 1, 0, 1], [0, 0, 0, 1]]), [8.0, 2.5, 3.0]))

@@ -103,6 +103,8 @@ class Training:
         self.step, self.spent = 0, 0.0
         if (self.folder / "last.pt").exists():
             state = torch.load(self.folder / "last.pt")
+            if state["classes"] != self.net.classes:
+                raise SystemExit(f"the run {options.run} has {state['classes']} classes: choose another --run")
             self.net.load_state_dict(state["net"])
             self.optimiser.load_state_dict(state["optimiser"])
             self.average.weights, self.average.steps = state["average"], state["average_steps"]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from roadplane_train.cars.meshes import catalogue
+from roadplane_train.cars.meshes import KINDS, catalogue
 from roadplane_train.json_files import read_json
 
 SIZES_PX = (0, 24, 40, 64, 96, 160, 10_000)
@@ -15,7 +15,7 @@ SHARES = (0.15, 0.4, 0.7, 0.9, 0.98, 1.01)
 
 TEXT = """# {name}: rendered parking lots and streets with truth
 
-{stills} stills and {clips} clips, {size[0]} × {size[1]}, split `{split}`, seed {seed}. Truth as described in
+{stills} stills and {clips} clips, {sizes}, split `{split}`, seed {seed}. Truth as described in
 `scripts/train/render/README.md`.
 
 Made by
@@ -56,7 +56,7 @@ def write_card(folder: Path, recipe: str) -> None:
     index = read_json(folder / "dataset.json")
     items = [read_json(folder / item) for item in index["items"]]
     names = {model["model"]: model["body"] for item in items for model in item["models"]}
-    real = {entry["name"]: entry["credit"] for entry in catalogue() if entry["name"] in names}
+    real = {entry["name"]: entry["credit"] for kind in KINDS for entry in catalogue(kind) if entry["name"] in names}
     bodies = ", ".join(f"{count} {body}" for body, count in sorted(Counter(names.values()).items()))
     credits = (
         "Car meshes: "
@@ -65,6 +65,7 @@ def write_card(folder: Path, recipe: str) -> None:
         if real
         else "No works of others are in it."
     )
+    sizes = sorted({" × ".join(map(str, item["camera"]["image_size_px"])) for item in items})
     spent: defaultdict[str, float] = defaultdict(float)
     for item in items:
         for frame in item["frames"] if item["fps"] else []:
@@ -75,7 +76,7 @@ def write_card(folder: Path, recipe: str) -> None:
         name=index["name"],
         stills=kinds["still"],
         clips=kinds["clip"],
-        size=items[0]["camera"]["image_size_px"],
+        sizes=" and ".join(sizes),
         split=index["split"],
         seed=index["seed"],
         recipe=recipe,
@@ -94,10 +95,12 @@ def write_card(folder: Path, recipe: str) -> None:
 def _table(items: list[dict]) -> str:
     """Returns Markdown rows: name, figures of stills, figures of clips."""
     columns = [[item for item in items if item["kind"] == kind] for kind in ("still", "clip")]
+    has_slivers = any(car["visible_share"] < SHARES[0] for car in _cars(items))
+    shares = (0.0, *SHARES) if has_slivers else SHARES  # the truth of views has slivers
     rows = {
         "cars in a frame": [_range([len(f["cars"]) for i in c for f in i["frames"]], "{:.0f}") for c in columns],
         "longer side of the visible box, px": [_shares([_side(car) for car in _cars(c)], SIZES_PX, "{:.0f}") for c in columns],
-        "visible share": [_shares([car["visible_share"] for car in _cars(c)], SHARES, "{:.2f}") for c in columns],
+        "visible share": [_shares([car["visible_share"] for car in _cars(c)], shares, "{:.2f}") for c in columns],
         "distance, m": [
             _range([np.hypot(car["world_from_car"][0][3], car["world_from_car"][1][3]) for car in _cars(c)], "{:.0f}")
             for c in columns

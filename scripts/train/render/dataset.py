@@ -30,7 +30,7 @@ from .truth import SMALLEST_SHARE, car_record, dataset_record, item_record
 from .views import VehiclePool, sample_view
 
 LARGE_PX, FEWEST_LARGE = 40, 5  # longer side and number of the large cars that a still must show
-SLIVER_SHARE = 0.02  # visible share from which the truth for the detector has a vehicle; it ignores most of them
+SLIVER_SHARE = 0.02  # least visible share of a vehicle in the truth of views; the training ignores small shares
 LARGEST_STILL_BYTES = 250_000
 TRUTH = ".truth.json.gz"
 CROWD_OF_CLIP = ["quiet"] * 3 + ["busy"] * 5 + ["full"] * 4  # repeated in turn
@@ -63,21 +63,26 @@ PRESETS = {
 }
 
 
-def render_still(renderer: Renderer, pool: CarPool | VehiclePool, seed: list[int], folder: Path, stem: str) -> None:
-    """Renders one picture and its truth."""
+def suitable_still(renderer: Renderer, pool: CarPool, seed: list[int]) -> tuple[np.random.Generator, Still, list[dict]]:
+    """Draws a still with enough large cars; also returns the cars, and the generator for the camera's noise."""
     for attempt in range(100):
         rng = np.random.default_rng([*seed, attempt])
-        if isinstance(pool, VehiclePool):
-            still = sample_view(rng, pool)
-            cars = still_truth(renderer, still, SLIVER_SHARE)
-            break
         still = sample_still(rng, pool)
         cars = still_truth(renderer, still)
         large = [car for car in cars if max(car["box"][2] - car["box"][0], car["box"][3] - car["box"][1]) >= LARGE_PX]
         if len(large) >= FEWEST_LARGE:
-            break
+            return rng, still, cars
+    raise RuntimeError(f"seed {seed}: no scene with {FEWEST_LARGE} cars in 100 attempts")
+
+
+def render_still(renderer: Renderer, pool: CarPool | VehiclePool, seed: list[int], folder: Path, stem: str) -> None:
+    """Renders one picture and its truth."""
+    if isinstance(pool, VehiclePool):
+        rng = np.random.default_rng([*seed, 0])
+        still = sample_view(rng, pool)
+        cars = still_truth(renderer, still, SLIVER_SHARE)
     else:
-        raise RuntimeError(f"{stem}: no scene with {FEWEST_LARGE} cars in 100 attempts")
+        rng, still, cars = suitable_still(renderer, pool, seed)
     size = still.camera.image_size_px
     drawn = draw(renderer, still.scene, still.camera, (0, 0, *size))
     for effect in still.effects:
@@ -265,6 +270,8 @@ def main() -> None:
     names = ("split", "stills", "clips", "seconds", "fps", "size", "drivers", "cars", "mbit", "seed", "one_camera")
     given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
     plan = Preset(**{**PRESETS[options.preset].__dict__, **given})
+    if plan.views and (plan.clips or plan.drivers is not None):
+        parser.error("--preset views makes stills only")
     if plan.drivers is None and plan.size != SIZE:
         parser.error("--size needs --drivers")
     if plan.one_camera and plan.drivers is not None:

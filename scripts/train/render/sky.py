@@ -13,6 +13,7 @@ from .renderer import ENVIRONMENTS
 from .scene import PlacedCar
 from .stills import sample_weather
 
+# Shares and strengths below are ESTIMATES.
 WEATHERS = {
     "sun": 0.26,
     "low sun": 0.12,
@@ -26,6 +27,9 @@ WEATHERS = {
 }
 FOG_PER_M = (0.006, 0.03)
 NIGHT_GLARE, DIM_GLARE = (3.0, 25.0), (0.3, 2.0)  # scattered light, relative to the saturation of a pixel
+SATURATED, LAMP = np.uint8(200), 235  # grey levels from which light scatters, and that only lamps reach
+BEAM_SCALE = 2
+GLARE_SCALE = 4  # glare is computed in a picture that is smaller by this factor
 BEAM = ((0.5, -0.7), (16.0, -3.5), (16.0, 3.0), (0.5, 0.7))  # lit ground before a car: ahead and left, m
 # Changes a drawing, RGB uint8, larger than the picture.
 Effect = Callable[[np.ndarray], np.ndarray]
@@ -70,8 +74,8 @@ def effects_of(rng: np.random.Generator, weather: str, camera: Camera, cars: lis
 
 def beams(image: np.ndarray, camera: Camera, cars: list[PlacedCar]) -> np.ndarray:
     """Returns the picture with the ground lit before cars that drive in the dark."""
-    height, width = image.shape[:2]
-    zoom = width / camera.image_size_px[0]
+    zoom = 1 / BEAM_SCALE  # the light has no sharp edges
+    width, height = (round(n * zoom) for n in camera.image_size_px)
     lit = np.zeros((height, width), np.float32)
     for car in cars:
         if car.appearance.headlamp <= 0:
@@ -83,7 +87,8 @@ def beams(image: np.ndarray, camera: Camera, cars: list[PlacedCar]) -> np.ndarra
             part = np.zeros_like(lit)
             cv2.fillConvexPoly(part, np.rint(pixels * zoom).astype(np.int32).clip(-20000, 20000), 1.0)
             across = np.ptp(pixels, axis=0).min() * zoom
-            lit = np.maximum(lit, cv2.GaussianBlur(part, (0, 0), float(np.clip(0.2 * across, 1, 40))))
+            lit = np.maximum(lit, cv2.GaussianBlur(part, (0, 0), float(np.clip(0.2 * across, 0.5, 10))))
+    lit = cv2.resize(lit, image.shape[1::-1], interpolation=cv2.INTER_LINEAR)
     return (image * (1 + 1.8 * lit[..., None]) + 14 * lit[..., None]).clip(0, 255).astype(np.uint8)
 
 
@@ -93,16 +98,18 @@ def lamp_pools(rng: np.random.Generator, image: np.ndarray) -> np.ndarray:
     rows, columns = int(rng.integers(2, 5)), int(rng.integers(2, 6))
     level = np.exp(rng.uniform(np.log(0.12), np.log(1.1), (rows, columns))).astype(np.float32)
     level = cv2.resize(level, (width, height), interpolation=cv2.INTER_CUBIC).clip(0.08, 1.2)
-    lamps = image.max(2, keepdims=True) > 235  # they shine in the dark, too
+    lamps = image.max(2, keepdims=True) > LAMP  # they shine in the dark, too
     return np.where(lamps, image, (image * level[..., None]).clip(0, 255)).astype(np.uint8)
 
 
 def glare(rng: np.random.Generator, image: np.ndarray, strengths: tuple[float, float]) -> np.ndarray:
     """Returns the picture with light scattered around its brightest points."""
-    bright = np.maximum(image.astype(np.float32) - 200, 0)
-    width, strength = image.shape[1] * np.exp(rng.uniform(np.log(0.004), np.log(0.015))), np.exp(rng.uniform(*np.log(strengths)))
-    scattered = cv2.GaussianBlur(bright, (0, 0), width) * strength + cv2.GaussianBlur(bright, (0, 0), width * 4) * strength
-    return (image + scattered).clip(0, 255).astype(np.uint8)
+    size = image.shape[1::-1]
+    small = (max(size[0] // GLARE_SCALE, 1), max(size[1] // GLARE_SCALE, 1))
+    bright = cv2.resize(np.maximum(image, SATURATED) - SATURATED, small, interpolation=cv2.INTER_AREA).astype(np.float32)
+    width, strength = small[0] * np.exp(rng.uniform(np.log(0.004), np.log(0.015))), np.exp(rng.uniform(*np.log(strengths)))
+    scattered = (cv2.GaussianBlur(bright, (0, 0), width) + cv2.GaussianBlur(bright, (0, 0), width * 4)) * strength
+    return (image + cv2.resize(scattered, size, interpolation=cv2.INTER_LINEAR)).clip(0, 255).astype(np.uint8)
 
 
 def rain(rng: np.random.Generator, image: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from .dataset import SLIVER_SHARE, still_truth
+from .frames import draw
 from .renderer import Renderer
 from .scene import _clear
 from .sky import WEATHERS, glare, lamp_pools, rain, sample_sky
@@ -53,3 +54,27 @@ def test_views_depend_on_their_seed_alone_and_vehicles_do_not_touch() -> None:
         others = still.scene.cars[:k]
         pose = car.world_from_car
         assert _clear(pose[:2, 3], np.arctan2(pose[1, 0], pose[0, 0]), car.gpu.mesh.dims, others, 0.0)
+
+
+@pytest.mark.egl
+def test_parked_motorcycles_have_no_riders() -> None:
+    pool = VehiclePool(CarPool(Renderer(shadow_size=64), "train", 9, []))
+    if not pool.meshes["motorcycle"]:
+        pytest.skip("Debian's sweethome3d-furniture is missing")
+    rng = np.random.default_rng(3)
+    heights = {moving: [pool.of(rng, {"motorcycle": 1.0}, moving).mesh.dims[2] for _ in range(12)] for moving in (True, False)}
+    assert min(heights[True]) > 1.4 > max(heights[False])
+
+
+@pytest.mark.egl
+def test_dense_fog_hides_cars_with_their_panes() -> None:
+    renderer = Renderer(shadow_size=512)
+    still = sample_view(np.random.default_rng([9, 2]), VehiclePool(CarPool(renderer, "eval", 9, [])))
+    still.scene.light.haze = 10.0
+    camera, (width, height) = still.camera, still.camera.image_size_px
+    horizon = int(height / 2 - camera.focal_px * np.tan(camera.tilt_rad) + width * abs(np.tan(camera.roll_rad))) + 2
+    ground = (0, max(horizon, 0), width, height - max(horizon, 0))
+    with_cars = draw(renderer, still.scene, camera, ground).astype(int)
+    still.scene.cars.clear()
+    without = draw(renderer, still.scene, camera, ground).astype(int)
+    assert abs(with_cars - without).max() <= 2

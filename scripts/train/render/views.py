@@ -20,17 +20,19 @@ from .camera import Camera, world_from_car
 from .frames import sample_finish
 from .gpu_car import GpuCar
 from .places import Site, make_lot, make_street
-from .renderer import MAX_CARS
 from .scene import PlacedCar, Scene, _clear
 from .sky import WEATHERS, Effect, effects_of, sample_sky
 from .stills import CAR_M, CarPool, Still, set_exposure, shadow_reach
 
 SIZES = ((960, 544), (960, 720), (1280, 720))
 HEIGHT_M, FOCAL_WIDTHS = (3.0, 40.0), (0.5, 4.0)
-STEEPEST_DEG, LEVEL_SHARE = 60.0, 1.6  # tilt is 60° times a beta variate (1.1, LEVEL_SHARE)
+STEEPEST_DEG, TILT_BETA = 60.0, (1.1, 1.6)  # tilt is 60° times a beta variate
+LEAST_CONTRAST = 0.05  # share of a vehicle's contrast that fog leaves; fainter vehicles are left out
+MOST_VEHICLES = 90  # the nearest ones
 CAR_PX = (22.0, 460.0)  # length of a car where the camera aims
 LEAST_PX = 9.0  # length of the smallest vehicle
 FARTHEST_M, NEAREST_M = 260.0, 4.5
+# Shares and sizes below are ESTIMATES, chosen to show all kinds often.
 MIX = {"truck": 0.13, "bus": 0.07, "motorcycle": 0.1}  # shares in moving traffic; the rest are cars
 PARKED_MIX = {"truck": 0.03, "bus": 0.0, "motorcycle": 0.05}
 POOL = {"truck": 28, "bus": 16, "motorcycle": 16}
@@ -62,13 +64,14 @@ class VehiclePool:
             print(f"no motorcycles, fewer lorries: {error}")
         self._others: dict[tuple[str, int], GpuCar] = {}
 
-    def of(self, rng: np.random.Generator, mix: dict[str, float]) -> GpuCar:
-        """Draws a vehicle of a random kind."""
+    def of(self, rng: np.random.Generator, mix: dict[str, float], moving: bool) -> GpuCar:
+        """Draws a vehicle of a random kind; a moving motorcycle has a rider, and a parked one has none."""
         level = rng.random()
         for kind, share in mix.items():
             level -= share
             if level < 0 and (kind != "motorcycle" or self.meshes[kind]):
-                return self._other(kind, int(rng.integers(POOL[kind])))
+                number = int(rng.integers(POOL[kind]))
+                return self._other(kind, 2 * (number // 2) + moving if kind == "motorcycle" else number)
         return self.cars.draw(rng)
 
     def _other(self, kind: str, number: int) -> GpuCar:
@@ -76,7 +79,7 @@ class VehiclePool:
             rng = np.random.default_rng([self.cars.seed, 5, list(POOL).index(kind), number])
             meshes = self.meshes[kind]
             if kind == "motorcycle":
-                mesh = sample_motorcycle(rng, meshes, ridden=number % 4 > 0)
+                mesh = sample_motorcycle(rng, meshes, ridden=number % 2 == 1)
             elif meshes and number < MESH_SHARE * POOL[kind]:
                 mesh = meshes[number % len(meshes)]
             else:
@@ -89,7 +92,7 @@ def sample_wide_camera(rng: np.random.Generator) -> tuple[Camera, np.ndarray]:
     """Draws a camera, and the ground point that it aims at."""
     while True:
         size = SIZES[rng.integers(len(SIZES))]
-        tilt = np.radians(STEEPEST_DEG * rng.beta(1.1, LEVEL_SHARE))
+        tilt = np.radians(STEEPEST_DEG * rng.beta(*TILT_BETA))
         height, focal = (float(np.exp(rng.uniform(*np.log(span)))) for span in (HEIGHT_M, FOCAL_WIDTHS))
         camera = Camera(size, focal * size[0], height, float(tilt), float(rng.normal(0, np.radians(2))))
         aim = np.array(camera.principal_point_px) + [rng.normal(0, 0.1) * size[0], rng.uniform(-0.1, 0.35) * size[1]]
@@ -104,8 +107,12 @@ def sample_wide_camera(rng: np.random.Generator) -> tuple[Camera, np.ndarray]:
 class Filler:
     """Puts vehicles on a site, as far as the camera sees them and they do not touch."""
 
-    def __init__(self, rng: np.random.Generator, camera: Camera, site: Site, pool: VehiclePool, dark: bool) -> None:
-        self.rng, self.camera, self.site, self.pool, self.dark = rng, camera, site, pool, dark
+    def __init__(
+        self, rng: np.random.Generator, camera: Camera, site: Site, pool: VehiclePool, weather: str, haze: float
+    ) -> None:
+        self.rng, self.camera, self.site, self.pool = rng, camera, site, pool
+        self.dark = weather in ("dusk", "night", "rain", "fog")
+        self.farthest_m = -float(np.log(LEAST_CONTRAST)) / max(haze, 1e-9)
         self.found: list[PlacedCar] = []
 
     def line(self, n: float, heading_rad: float, moving: bool, gap: Gap) -> None:
@@ -113,7 +120,7 @@ class Filler:
         middle = -float(self.site.origin @ self.site.along)  # the site's e of the camera
         e = middle - FARTHEST_M + self.rng.uniform(0, 10)
         while e < middle + FARTHEST_M:
-            gpu = self.pool.of(self.rng, gap.mix)
+            gpu = self.pool.of(self.rng, gap.mix, moving)
             half = float(gpu.mesh.dims[0]) / 2
             e += half
             aside = self.rng.normal(0, 0.15 if moving else 0.08)
@@ -132,7 +139,7 @@ class Filler:
         point = np.array([*pose[:2], 0.7])
         away = float(np.linalg.norm(point - [0, 0, self.camera.height_m]))
         pixel, depth = self.camera.pixel_from_world(point[None])
-        if depth[0] < NEAREST_M or away < NEAREST_M + length_m / 2:
+        if depth[0] < NEAREST_M or not NEAREST_M + length_m / 2 <= away < self.farthest_m:
             return False
         size = self.camera.focal_px * length_m / depth[0]
         margin = 0.6 * size
@@ -171,7 +178,7 @@ def fill(filler: Filler, layout: str) -> None:
     for spot in site.spots:
         mix = MIX if spot.kind == "lane" else PARKED_MIX
         if spot.kind == "lane" or rng.random() < filled:
-            gpu = filler.pool.of(rng, mix)
+            gpu = filler.pool.of(rng, mix, spot.kind == "lane")
             heading = spot.heading_rad + rng.normal(0, 0.03)
             filler.put(gpu, spot.e + rng.normal(0, 0.1), spot.n + rng.normal(0, 0.15), heading, spot.kind == "lane")
 
@@ -190,12 +197,12 @@ def sample_view(rng: np.random.Generator, pool: VehiclePool) -> Still:
         else:
             site = make_street(rng, aim[:2], turn, wet, int(rng.choice([2, 4, 6], p=[0.4, 0.4, 0.2])))
         site.props = [prop for prop in site.props if np.linalg.norm(prop.world_from_prop[:2, 3]) > 6]
-        filler = Filler(rng, camera, site, pool, weather in ("dusk", "night", "rain", "fog"))
+        filler = Filler(rng, camera, site, pool, weather, light.haze)
         if not empty:
             fill(filler, layout)
             if not filler.found:
                 continue
-        cars = [filler.found[k] for k in rng.permutation(len(filler.found))[:MAX_CARS]]
+        cars = sorted(filler.found, key=lambda car: float(np.hypot(*car.world_from_car[:2, 3])))[:MOST_VEHICLES]
         centre = np.median([car.world_from_car[:2, 3] for car in cars], axis=0) if cars else aim[:2]
         skyline = OPEN_SKY if rng.random() < 0.5 else -1.0
         reach = shadow_reach(cars, centre)

@@ -42,7 +42,8 @@ void main() {
             + sun * light * sun_mirror * fresnel * pow(to_mirror, 1500.0);
         radiance += dirt.rgb * dirt.a * 0.12 * irradiance;
         float through = glass.x * (1.0 - grazing) * max(1.0 - 0.3 * dirt.a, 0.2);
-        colour = vec4(developed(radiance, position), 1.0 - pow(through, 0.45));  // blended after gamma
+        float cover = 1.0 - pow(through, 0.45);  // blended after gamma
+        colour = vec4(developed_pane(radiance, position, cover), cover);
         return;
     }
     vec4 s = surface[material];

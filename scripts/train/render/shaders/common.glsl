@@ -61,9 +61,23 @@ float open_sky(vec3 position, int self) {
     return open;
 }
 
-vec3 developed(vec3 radiance, vec3 position) {
-    float far_share = 1.0 - exp(-haze * length(position - camera_position));
-    vec3 c = mix(radiance, sky * 1.3 + sun * 0.15, far_share) * exposure;
-    c = pow(1.0 - exp(-1.2 * c), vec3(1.0 / 2.2));
+// The curve of a camera.
+vec3 toned(vec3 c) {
+    c = pow(1.0 - exp(-1.2 * c * exposure), vec3(1.0 / 2.2));
     return mix(c, c * c * (3.0 - 2.0 * c), 0.45);  // the contrast of a camera's picture style
+}
+
+float air_share(vec3 position) {
+    return 1.0 - exp(-haze * length(position - camera_position));
+}
+
+vec3 developed(vec3 radiance, vec3 position) {
+    return toned(mix(radiance, sky * 1.3 + sun * 0.15, air_share(position)));
+}
+
+// The colour of a pane that is blended over its background with the weight `cover`. The background already has the
+// light of the air before it, so the pane gets its share alone.
+vec3 developed_pane(vec3 radiance, vec3 position, float cover) {
+    float air = air_share(position);
+    return toned(radiance * (1.0 - air)) + cover * toned((sky * 1.3 + sun * 0.15) * air);
 }
