@@ -80,7 +80,7 @@ pub use lens::Lens;
 pub use plane::GroundPlane;
 pub use pose::{GroundPose, angle_difference, fold_axis, wrap_angle};
 pub use records::{
-    CameraEstimate, CameraMove, CameraStatus, CarRecord, CarRef, FrameRecord, MoveKind, OnMap,
+    CameraEstimate, CameraMove, CameraStatus, CarRecord, CarRef, FrameRecord, LeftOut, MoveKind, OnMap,
     PictureVerdict, PoseRecord, RecordError, TrackRow, VehicleClass, WatchRecord, WeakBox,
     rows_from_isometry,
 };

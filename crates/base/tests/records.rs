@@ -7,9 +7,9 @@ use std::f64::consts::FRAC_PI_2;
 use nalgebra::{Isometry3, Matrix4, UnitQuaternion, Vector2, Vector3};
 use roadplane_base::{
     CameraEstimate, CameraEvidence, CameraMove, CameraParams, CameraPrior, CameraStatus, CarRecord, CarRef,
-    ClipIdentity, EVIDENCE_SCHEMA, Frame, FrameRecord, FrameStamp, ImageSize, KEYPOINTS, Lens, MoveKind,
-    ParkedCar, PictureVerdict, RecordError, SceneCurve, SceneLine, TrackRow, VehicleClass, WatchRecord,
-    WeakBox, rows_from_isometry,
+    ClipIdentity, EVIDENCE_SCHEMA, Frame, FrameRecord, FrameStamp, ImageSize, KEYPOINTS, LeftOut, Lens,
+    MoveKind, ParkedCar, PictureVerdict, RecordError, SceneCurve, SceneLine, TrackRow, VehicleClass,
+    WatchRecord, WeakBox, rows_from_isometry,
 };
 use serde_json::{Value, json};
 
@@ -39,7 +39,7 @@ fn frame() -> FrameRecord {
         }),
         changed: Some(0.125),
         seen: None,
-        not_followed: false,
+        left_out: LeftOut::No,
     };
     FrameRecord {
         watch: Some(watch),

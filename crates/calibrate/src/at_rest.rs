@@ -11,7 +11,7 @@
 use std::collections::VecDeque;
 
 use nalgebra::Vector2;
-use roadplane_base::{FrameRecord, MoveKind, PictureVerdict, WatchRecord, bbox_moved};
+use roadplane_base::{FrameRecord, LeftOut, MoveKind, PictureVerdict, WatchRecord, bbox_moved};
 
 /// Time that frames wait, s; longer than the watcher needs to report a move.
 const LAG_S: f64 = 8.0;
@@ -71,7 +71,9 @@ where
             leave_out_vehicles(&mut frame);
         }
         if let Some(watch) = frame.watch.as_mut().filter(|watch| !watch.verdict.is_blind()) {
-            watch.not_followed |= self.is_moving || watch.verdict == PictureVerdict::Moving;
+            if self.is_moving || watch.verdict == PictureVerdict::Moving {
+                watch.left_out = LeftOut::Moved;
+            }
         }
         settle(&mut frame);
         Some(Ok(frame))
@@ -114,7 +116,7 @@ impl<I> AtRest<I> {
         };
         for frame in self.held_back.iter_mut().rev().take_while(|frame| unsettled(frame)) {
             leave_out_vehicles(frame);
-            frame.watch.iter_mut().for_each(|watch| watch.not_followed = true);
+            frame.watch.iter_mut().for_each(|watch| watch.left_out = LeftOut::MayHaveMoved);
         }
     }
 }
@@ -201,9 +203,12 @@ mod tests {
         let empty: Vec<u64> =
             settled(frames.clone()).iter().filter(|f| f.cars.is_empty()).map(|f| f.frame).collect();
         assert_eq!(empty, (50..110).chain(195..200).collect::<Vec<_>>());
-        let not_followed = |f: &&FrameRecord| f.watch.as_ref().is_some_and(|watch| watch.not_followed);
-        let marked: Vec<u64> = settled(frames.clone()).iter().filter(not_followed).map(|f| f.frame).collect();
-        assert_eq!(marked, empty);
+        let marked = |why: LeftOut| -> Vec<u64> {
+            let is_so = |f: &&FrameRecord| f.watch.as_ref().is_some_and(|watch| watch.left_out == why);
+            settled(frames.clone()).iter().filter(is_so).map(|f| f.frame).collect()
+        };
+        assert_eq!(marked(LeftOut::Moved), (50..110).collect::<Vec<_>>());
+        assert_eq!(marked(LeftOut::MayHaveMoved), (195..200).collect::<Vec<_>>());
         assert!(settled(frames).iter().all(|f| f.weak.len() == f.cars.len()));
     }
 

@@ -32,6 +32,8 @@ pub(crate) struct Detections {
 #[derive(Debug)]
 pub struct Detector {
     session: Session,
+    /// Number of classes of the net, the first ones of `CLASSES`.
+    classes: usize,
     options: DetectOptions,
 }
 
@@ -54,7 +56,7 @@ impl Detector {
             return Err(unsuitable("it needs one input image [batch, 3, height, width]".to_owned()));
         }
         let classes = card.extra.get("classes").and_then(|classes| classes.as_array());
-        let classes: Vec<_> = classes.into_iter().flatten().filter_map(|name| name.as_str()).collect();
+        let classes: Vec<&str> = classes.into_iter().flatten().filter_map(|name| name.as_str()).collect();
         if classes.len() < FEWEST_CLASSES || !CLASSES.map(VehicleClass::name).starts_with(&classes) {
             return Err(unsuitable("its classes must be car, truck, bus and perhaps motorcycle".to_owned()));
         }
@@ -69,7 +71,14 @@ impl Detector {
                 }
             }
         }
-        Ok(Self { session, options })
+        let classes = classes.len();
+        Ok(Self { session, classes, options })
+    }
+
+    /// Returns the classes that the net distinguishes.
+    #[must_use]
+    pub fn classes(&self) -> &'static [VehicleClass] {
+        &VehicleClass::ALL[..self.classes]
     }
 
     /// Returns the session of the net.

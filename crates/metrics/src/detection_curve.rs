@@ -18,6 +18,12 @@ pub struct IgnoredRegion {
 }
 
 impl IgnoredRegion {
+    /// Returns a region that applies to detections that overlap it by half (IoU), or lie inside it by half.
+    #[must_use]
+    pub fn at_half(bbox_px: [f64; 4]) -> Self {
+        Self { bbox_px, least_iou: 0.5, least_inside: 0.5 }
+    }
+
     fn covers(&self, bbox_px: &[f64; 4]) -> bool {
         bbox_iou(bbox_px, &self.bbox_px) >= self.least_iou
             || bbox_share_inside(bbox_px, &self.bbox_px) >= self.least_inside
@@ -112,8 +118,8 @@ impl DetectionCurve {
         self.vehicles
     }
 
-    /// Returns the average precision, 0–1: the mean over 101 levels of recall of the best precision from that recall on
-    /// (as in COCO). It is NaN without vehicles.
+    /// Returns the average precision, 0–1: the mean over 101 levels of recall of the best precision from that recall on.
+    /// It is NaN without vehicles. Unlike COCO's figure, it has no limit on the number of boxes in a picture.
     #[must_use]
     pub fn average_precision(&self) -> f64 {
         if self.vehicles == 0 {
@@ -123,20 +129,25 @@ impl DetectionCurve {
         interpolated_mean(self.counts.iter().map(|counts| (recall(counts), precision(counts))).collect())
     }
 
-    /// Returns the counts at the lowest score at which the precision is at least `least` (0–1); nothing is found if no
-    /// score reaches it.
+    /// Returns the counts at the lowest score at which the precision is at least `least` (0–1); `None` if no score
+    /// reaches it.
     #[must_use]
-    pub fn at_precision(&self, least: f64) -> Counts {
-        let last = self.counts.iter().rev().find(|counts| precision(counts) >= least);
-        last.copied().unwrap_or(Counts { found: 0, wrong: 0, score: 1.0 })
+    pub fn at_precision(&self, least: f64) -> Option<Counts> {
+        self.thresholds().filter(|counts| precision(counts) >= least).last()
     }
 
-    /// Returns the counts at the score with the largest F1, the harmonic mean of precision and recall.
+    /// Returns the counts at the score with the largest F1, the harmonic mean of precision and recall; `None` if no
+    /// vehicle is found.
     #[must_use]
-    pub fn at_best_f1(&self) -> Counts {
+    pub fn at_best_f1(&self) -> Option<Counts> {
         let f1 = |c: &Counts| 2.0 * c.found as f64 / (c.found + c.wrong + self.vehicles) as f64;
-        let best = self.counts.iter().rev().max_by(|a, b| f1(a).total_cmp(&f1(b)));
-        best.copied().unwrap_or(Counts { found: 0, wrong: 0, score: 1.0 })
+        self.thresholds().filter(|counts| counts.found > 0).max_by(|a, b| f1(a).total_cmp(&f1(b)))
+    }
+
+    /// Returns the counts at each score, highest score first. Detections with equal scores come together, because no
+    /// threshold separates them.
+    fn thresholds(&self) -> impl Iterator<Item = Counts> {
+        self.counts.chunk_by(|a, b| a.score.total_cmp(&b.score).is_eq()).filter_map(<[Counts]>::last).copied()
     }
 
     /// Returns the counts from this score on.
@@ -184,6 +195,16 @@ mod tests {
     }
 
     #[test]
+    fn detections_with_equal_scores_are_not_separated() {
+        let boxes = [found(0.0, 0.9), found(100.0, 0.8), found(500.0, 0.8)];
+        let curve = DetectionCurve::of(&[&JudgedPicture::of(&[bbox(0.0), bbox(100.0)], &[], &boxes, 0.5)]);
+        assert_eq!(curve.at_precision(0.9), Some(Counts { found: 1, wrong: 0, score: 0.9 }));
+        assert_eq!(curve.at_best_f1(), Some(Counts { found: 2, wrong: 1, score: 0.8 }));
+        let nothing = DetectionCurve::of(&[&JudgedPicture::of(&[], &[], &boxes, 0.5)]);
+        assert_eq!((nothing.at_precision(0.9), nothing.at_best_f1()), (None, None));
+    }
+
+    #[test]
     fn figures_of_a_short_curve_are_exact() {
         // Right, right, false, right, false; a fourth vehicle is not found.
         let truth = [bbox(0.0), bbox(100.0), bbox(200.0), bbox(300.0)];
@@ -191,9 +212,9 @@ mod tests {
             [found(0.0, 0.9), found(100.0, 0.8), found(500.0, 0.7), found(200.0, 0.6), found(600.0, 0.5)];
         let picture = JudgedPicture::of(&truth, &[], &boxes, 0.5);
         let curve = DetectionCurve::of(&[&picture]);
-        assert_eq!(curve.at_precision(0.9), Counts { found: 2, wrong: 0, score: 0.8 });
-        assert_eq!(curve.at_precision(0.75), Counts { found: 3, wrong: 1, score: 0.6 });
-        assert_eq!(curve.at_best_f1(), Counts { found: 3, wrong: 1, score: 0.6 });
+        assert_eq!(curve.at_precision(0.9), Some(Counts { found: 2, wrong: 0, score: 0.8 }));
+        assert_eq!(curve.at_precision(0.75), Some(Counts { found: 3, wrong: 1, score: 0.6 }));
+        assert_eq!(curve.at_best_f1(), Some(Counts { found: 3, wrong: 1, score: 0.6 }));
         assert_eq!(curve.from_score(0.65), Counts { found: 2, wrong: 1, score: 0.65 });
         assert_eq!(curve.from_score(0.95), Counts { found: 0, wrong: 0, score: 0.95 });
         // Precision 1 up to a recall of 0.5 (51 levels), and 0.75 up to 0.75 (25 levels).

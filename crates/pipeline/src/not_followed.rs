@@ -1,6 +1,7 @@
 //! Counts the frames in which vehicles were not followed, because the camera moved.
 
-use roadplane_base::FrameRecord;
+use roadplane_base::{FrameRecord, LeftOut};
+use roadplane_write::Summary;
 
 /// Share of the frames above which a run counts as partly followed, 0–1.
 const MUCH: f64 = 0.05;
@@ -10,27 +11,45 @@ const MUCH: f64 = 0.05;
 pub struct NotFollowed {
     /// Number of frames.
     pub frames: u64,
+    /// Number of frames among them at the end of the clip in which the camera may have moved.
+    pub undecided: u64,
     /// Time, s. A frame lasts until the next frame.
     pub seconds: f64,
-    /// Share of all frames, 0–1.
-    pub share: f64,
+    /// Number of all frames of the clip.
+    pub all_frames: u64,
 }
 
 impl NotFollowed {
-    /// Whether so many frames were not followed that the run counts as partly followed.
+    /// Returns the share of the frames, 0–1.
+    #[must_use]
+    pub fn share(&self) -> f64 {
+        self.frames as f64 / self.all_frames.max(1) as f64
+    }
+
+    /// Whether the camera moved in so many frames that the run counts as partly followed.
     pub(crate) fn is_much(&self) -> bool {
-        self.share > MUCH
+        (self.frames - self.undecided) as f64 > MUCH * self.all_frames as f64
     }
 
     /// Returns the warning for the user; `None` if vehicles were followed in all frames.
     pub(crate) fn in_words(&self) -> Option<String> {
-        let Self { frames, seconds, share } = self;
-        let percent = 100.0 * share;
-        (*frames > 0).then(|| {
-            format!(
-                "the camera moved: vehicles were not followed in {frames} frames ({seconds:.1} s, {percent:.1} % of all)"
-            )
-        })
+        let Self { frames, undecided, seconds, .. } = self;
+        let cause = match (frames - undecided, undecided) {
+            (0, 0) => return None,
+            (0, _) => "the camera may have moved at the end of the clip",
+            _ => "the camera moved",
+        };
+        let percent = 100.0 * self.share();
+        Some(format!(
+            "{cause}: vehicles were not followed in {frames} frames ({seconds:.1} s, {percent:.1} % of all)"
+        ))
+    }
+
+    /// Writes the counts into a summary.
+    pub(crate) fn note(&self, summary: &mut Summary) {
+        summary.counts.frames_not_followed = self.frames;
+        summary.watch.not_followed_s = self.seconds;
+        summary.watch.not_followed_share = self.share();
     }
 }
 
@@ -38,22 +57,21 @@ impl NotFollowed {
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct FollowCount {
     sum: NotFollowed,
-    all_frames: u64,
-    /// Time of the last frame, s, and whether its vehicles could be followed.
+    /// Time of the last frame, s, and whether its vehicles were left out.
     last: Option<(f64, bool)>,
 }
 
 impl FollowCount {
-    /// Adds the next frame, as `calibrate::AtRest` returns it. The time of a frame lasts until the next frame.
+    /// Adds the next frame, as `calibrate::AtRest` returns it.
     pub(crate) fn add(&mut self, frame: &FrameRecord) {
-        if let Some((time_s, false)) = self.last {
+        if let Some((time_s, true)) = self.last {
             self.sum.seconds += frame.time_s - time_s;
         }
-        let is_followed = frame.watch.as_ref().is_none_or(|watch| !watch.not_followed);
-        self.sum.frames += u64::from(!is_followed);
-        self.all_frames += 1;
-        self.sum.share = self.sum.frames as f64 / self.all_frames as f64;
-        self.last = Some((frame.time_s, is_followed));
+        let left_out = frame.watch.as_ref().map_or(LeftOut::No, |watch| watch.left_out);
+        self.sum.all_frames += 1;
+        self.sum.frames += u64::from(left_out != LeftOut::No);
+        self.sum.undecided += u64::from(left_out == LeftOut::MayHaveMoved);
+        self.last = Some((frame.time_s, left_out != LeftOut::No));
     }
 
     /// Returns the sums so far.
@@ -68,11 +86,11 @@ mod tests {
 
     use super::*;
 
-    fn counted(frames: u64, followed: impl Fn(u64) -> bool) -> NotFollowed {
+    fn counted(frames: u64, why: impl Fn(u64) -> LeftOut) -> NotFollowed {
         let mut count = FollowCount::default();
         for index in 0..frames {
             let size = ImageSize { width: 640, height: 360 };
-            let watch = Some(WatchRecord { not_followed: !followed(index), ..WatchRecord::default() });
+            let watch = Some(WatchRecord { left_out: why(index), ..WatchRecord::default() });
             count.add(&FrameRecord { watch, ..FrameRecord::empty(index, index as f64 * 0.1, size) });
         }
         count.sum()
@@ -80,11 +98,25 @@ mod tests {
 
     #[test]
     fn frames_and_seconds_are_counted() {
-        let sum = counted(100, |index| index < 90);
+        let sum = counted(100, |index| if index < 90 { LeftOut::No } else { LeftOut::Moved });
         assert_eq!(sum.frames, 10);
-        assert!((sum.seconds - 0.9).abs() < 1e-9 && (sum.share - 0.1).abs() < 1e-9);
-        assert!(sum.is_much() && !counted(100, |index| index != 50).is_much());
-        assert!(sum.in_words().unwrap().contains("10 frames (0.9 s, 10.0 % of all)"));
-        assert_eq!(counted(100, |_| true).in_words(), None);
+        assert!((sum.seconds - 0.9).abs() < 1e-9 && (sum.share() - 0.1).abs() < 1e-9);
+        assert!(
+            sum.is_much()
+                && sum
+                    .in_words()
+                    .unwrap()
+                    .contains("moved: vehicles were not followed in 10 frames (0.9 s, 10.0 % of all)")
+        );
+        let few = counted(100, |index| if index == 50 { LeftOut::Moved } else { LeftOut::No });
+        assert!(!few.is_much() && few.in_words().is_some());
+        assert_eq!(counted(100, |_| LeftOut::No).in_words(), None);
+    }
+
+    #[test]
+    fn an_undecided_end_is_reported_but_no_fault() {
+        let sum = counted(100, |index| if index < 80 { LeftOut::No } else { LeftOut::MayHaveMoved });
+        assert!(!sum.is_much());
+        assert!(sum.in_words().unwrap().starts_with("the camera may have moved at the end of the clip: "));
     }
 }

@@ -67,7 +67,7 @@ pub struct RunReport {
     pub damaged: bool,
     /// Number of frames that could not be decoded.
     pub frames_lost: u64,
-    /// Whether vehicles were not followed in much of the input, because the camera moved.
+    /// Whether vehicles were not followed in much of the input, because the camera moved, and the input was not damaged.
     pub partly_followed: bool,
     /// Number of frames in which vehicles were not followed, because the camera moved.
     pub frames_not_followed: u64,

@@ -409,6 +409,7 @@ fn creep_density(end: &End, start: &End, way: &Vector2<f64>, places: &Matrix2<f6
 /// Returns the log likelihood ratio of the class votes: both tracks are one vehicle, or two unrelated vehicles. It is
 /// at most 0.
 fn class_gain(end: &End, start: &End) -> f64 {
+    // Nets confuse cars, trucks and buses with each other, but hardly with motorcycles.
     let prior = |c: usize| if VehicleClass::ALL[c] == VehicleClass::Motorcycle { 0.0 } else { VOTE };
     let prior_sum: f64 = (0..VOTES).map(prior).sum();
     let share =

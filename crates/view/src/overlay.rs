@@ -88,8 +88,8 @@ impl<'a> Overlay<'a> {
         Ok(())
     }
 
-    /// Draws a car with its wireframe, its outline on the ground, its bounding box and its trail. A truck or bus is
-    /// drawn as a cuboid instead of a wireframe.
+    /// Draws a car with its wireframe, its outline on the ground, its bounding box and its trail. A truck, bus or
+    /// motorcycle is drawn as a cuboid instead of a wireframe.
     ///
     /// # Errors
     /// [`ViewError::Drawing`].

@@ -23,7 +23,8 @@ pub enum RunStatus {
     Complete,
     /// A part of the input was damaged or lost. `counts` contains the number of lost frames.
     InputDamaged,
-    /// The input was read, but vehicles were not followed in more than 5 % of its frames, because the camera moved.
+    /// The input was read, but the camera moved in more than 5 % of its frames. Vehicles in these frames were not
+    /// followed.
     PartlyFollowed,
 }
 
@@ -188,7 +189,8 @@ pub struct Counts {
     pub frames_lost: u64,
     /// Number of decoded frames that were not processed because of the settings.
     pub frames_skipped: u64,
-    /// Number of frames in which vehicles were not followed because the camera moved.
+    /// Number of frames in which vehicles were not followed because the camera moved, or may have moved at the end of the
+    /// clip.
     #[serde(default)]
     pub frames_not_followed: u64,
     /// Number of detected boxes by class of vehicle.

@@ -14,7 +14,8 @@ pub enum VehicleClass {
     Truck,
     /// A bus.
     Bus,
-    /// A motorcycle or motor scooter with its riders. The detector of this version does not look for them.
+    /// A motorcycle or motor scooter with its riders. Only nets with this class find them; the shipped net
+    /// lacks it.
     Motorcycle,
 }
 

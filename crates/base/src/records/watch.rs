@@ -58,10 +58,22 @@ pub struct WatchRecord {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0, max = 1))]
     pub seen: Option<f64>,
-    /// Whether the frame's vehicles were left out of the estimation because the camera moved. It is not stored in
-    /// files: `AtRest` of the crate `calibrate` sets it.
+    /// Whether the frame's vehicles were left out of the estimation, and why. It is not stored in files: `AtRest` of the
+    /// crate `calibrate` sets it.
     #[serde(skip)]
-    pub not_followed: bool,
+    pub left_out: LeftOut,
+}
+
+/// The reason why the vehicles of a frame were left out of the estimation.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum LeftOut {
+    /// They were not left out because of the camera's motion.
+    #[default]
+    No,
+    /// The camera moved.
+    Moved,
+    /// The camera may have moved. The clip ended before this could be decided.
+    MayHaveMoved,
 }
 
 fn is_zero(offset_px: &[f64; 2]) -> bool {

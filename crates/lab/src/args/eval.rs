@@ -49,8 +49,8 @@ pub enum EvalCommand {
     /// Evaluate detections in a COCO file against the true boxes in a second COCO file: average precision by size.
     #[command(after_help = "Example:\n  roadplane-lab eval boxes found.json --truth instances.json")]
     Boxes(EvalFilesArgs),
-    /// Evaluate the detector on pictures with true boxes: average precision, vehicles found, false boxes; by size, class,
-    /// camera and weather; draw the worst pictures.
+    /// Evaluate the detector on pictures with true boxes: average precision, false boxes, and vehicles found by size,
+    /// class, camera and weather; draw the worst pictures.
     #[command(
         after_help = "Example:\n  roadplane-lab eval detector boxes.json FOLDER --format f32,int8 --out tables"
     )]
@@ -138,6 +138,11 @@ pub struct EvalDatasetArgs {
     #[command(flatten)]
     #[allow(missing_docs)]
     pub config: ConfigArgs,
+}
+
+fn width(text: &str) -> Result<f64, String> {
+    let width: f64 = text.parse().map_err(|_not_a_number| "must be a number".to_owned())?;
+    if width.is_finite() && width >= 0.0 { Ok(width) } else { Err("must not be negative".to_owned()) }
 }
 
 fn share(text: &str) -> Result<f64, String> {
@@ -238,19 +243,19 @@ pub enum NumberFormat {
 /// Arguments of `roadplane-lab eval detector`.
 #[derive(Debug, Args)]
 pub struct EvalDetectorArgs {
-    /// JSON lists of pictures with true boxes, folders of data sets (dataset.json), or folders of pictures without
-    /// vehicles.
+    /// JSON lists of pictures with true boxes, folders of data sets (dataset.json; only their stills), or folders of
+    /// pictures without vehicles.
     #[arg(required = true, value_name = "INPUT")]
     pub inputs: Vec<PathBuf>,
     /// Number formats to compare.
     #[arg(long, value_enum, value_delimiter = ',', default_value = "f32,int8", value_name = "FORMAT")]
     pub format: Vec<NumberFormat>,
     /// Ignore vehicles with a narrower box, px; by default, the product's detect.min_width_px.
-    #[arg(long, value_name = "PX")]
+    #[arg(long, value_name = "PX", value_parser = width)]
     pub min_width_px: Option<f64>,
-    /// Number of pictures to draw for each input, those with the most errors first.
-    #[arg(long, default_value_t = 8, value_name = "N")]
-    pub worst: usize,
+    /// Number of pictures to draw for each input, those with the most errors first; at most 100.
+    #[arg(long, default_value_t = 8, value_name = "N", value_parser = clap::value_parser!(u32).range(..=100))]
+    pub worst: u32,
     /// Write the tables as CSV and HTML, and the drawn pictures, into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,

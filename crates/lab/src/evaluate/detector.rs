@@ -4,10 +4,10 @@ mod pictures;
 mod score;
 mod tables;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use image::RgbImage;
-use roadplane_base::CarRecord;
+use roadplane_base::{CarRecord, Frame, VehicleClass};
 use roadplane_infer::ProviderChoice;
 use roadplane_pipeline::{Cancel, Config, PipelineError, Progress, open_detector, open_input};
 use roadplane_tables::{Picture, Report};
@@ -17,7 +17,8 @@ use crate::LabError;
 use pictures::{LabelledPicture, PictureSet, read_set};
 use score::{Scored, score};
 
-/// Lowest score of the detections that enter the curves: the lowest threshold that the detector accepts.
+/// Lowest threshold that the detector accepts. The detector merges boxes with scores of 0.1 and more, so the curves have
+/// few boxes below.
 const LEAST_SCORE: f64 = 0.05;
 
 /// Options of the evaluation of the detector.
@@ -40,7 +41,7 @@ pub struct DetectorOptions {
 /// [`LabError`] if an input cannot be read, or if the net does not run.
 pub fn evaluate_detector(
     inputs: &[PathBuf],
-    models: &std::path::Path,
+    models: &Path,
     config: &Config,
     options: &DetectorOptions,
     cancel: &Cancel,
@@ -53,16 +54,17 @@ pub fn evaluate_detector(
     for set in &sets {
         let mut rows = Vec::new();
         for &provider in &options.providers {
-            let found = run(set, provider, models, config, cancel, progress)?;
-            rows.push((name(provider), score(set, &found, options.min_width_px)));
+            let (found, classes) = run(set, provider, models, config, options, cancel, progress)?;
+            rows.push((name(provider), score(set, &found, &classes, options.min_width_px)));
         }
         report.tables.push(tables::curve_table(&set.name, &rows, config.detect.min_score));
         if let Some((_, first)) = rows.first() {
             report.tables.extend(tables::group_table(&set.name, set, first, config.detect.min_score));
             if options.worst > 0 {
-                let sheet = worst_sheet(set, first, config, options.worst)?;
                 let caption = format!("{}: pictures with the most errors", set.name);
-                report.pictures.push(Picture::new(caption, &sheet)?);
+                if let Some(sheet) = worst_sheet(set, first, config, options.worst)? {
+                    report.pictures.push(Picture::new(caption, &sheet)?);
+                }
             }
         }
     }
@@ -78,52 +80,55 @@ fn name(provider: ProviderChoice) -> &'static str {
     }
 }
 
-/// Returns the detections of each picture, with low scores too.
+/// Returns the detections of each picture, with low scores too, and the classes of the net.
 fn run(
     set: &PictureSet,
     provider: ProviderChoice,
-    models: &std::path::Path,
+    models: &Path,
     config: &Config,
+    options: &DetectorOptions,
     cancel: &Cancel,
     progress: &dyn Progress,
-) -> Result<Vec<Vec<CarRecord>>, LabError> {
+) -> Result<(Vec<Vec<CarRecord>>, Vec<VehicleClass>), LabError> {
     let mut config = config.clone();
     config.infer.provider = provider;
     config.detect.min_score = LEAST_SCORE;
+    config.detect.min_width_px = config.detect.min_width_px.min(options.min_width_px);
     let mut detector = open_detector(models, &config)?;
     let mut all = Vec::with_capacity(set.pictures.len());
     for picture in &set.pictures {
         if let Some(signal) = cancel.signal() {
             return Err(PipelineError::Stopped { signal }.into());
         }
-        let frame = open_input(&picture.path, &config)?.next_frame().map_err(PipelineError::from)?;
-        let Some(frame) = frame else {
-            return Err(LabError::malformed(&picture.path, "has no picture"));
-        };
+        let frame = read_picture(&picture.path, &config)?;
         all.push(detector.detect(&frame).map_err(PipelineError::from)?);
         progress.frame_done();
     }
-    Ok(all)
+    Ok((all, detector.classes().to_vec()))
 }
 
-/// Draws the pictures with the most errors at the product's threshold.
+fn read_picture(path: &Path, config: &Config) -> Result<Frame, LabError> {
+    let frame = open_input(path, config)?.next_frame().map_err(PipelineError::from)?;
+    frame.ok_or_else(|| LabError::malformed(path, "has no picture"))
+}
+
+/// Draws the pictures with the most errors at the product's threshold; `None` if no picture has errors.
 fn worst_sheet(
     set: &PictureSet,
     scored: &Scored,
     config: &Config,
     count: usize,
-) -> Result<RgbImage, LabError> {
+) -> Result<Option<RgbImage>, LabError> {
     let errors = |i: &usize| {
         let (missed, wrong) = scored.errors(*i, config.detect.min_score);
-        (missed.len() + wrong.len(), std::cmp::Reverse(*i))
+        missed.len() + wrong.len()
     };
-    let mut order: Vec<usize> = (0..set.pictures.len()).collect();
+    let mut order: Vec<usize> = (0..set.pictures.len()).filter(|i| errors(i) > 0).collect();
     order.sort_by_key(|i| std::cmp::Reverse(errors(i)));
     let mut cases = Vec::new();
     for i in order.into_iter().take(count) {
         let picture: &LabelledPicture = &set.pictures[i];
-        let frame = open_input(&picture.path, config)?.next_frame().map_err(PipelineError::from)?;
-        let Some(frame) = frame else { continue };
+        let frame = read_picture(&picture.path, config)?;
         let (missed, wrong) = scored.errors(i, config.detect.min_score);
         let file = picture.path.file_name().unwrap_or_default().to_string_lossy();
         cases.push(DetectionCase {
@@ -134,5 +139,8 @@ fn worst_sheet(
             wrong,
         });
     }
-    Ok(detection_sheet(&cases).map_err(PipelineError::from)?)
+    if cases.is_empty() {
+        return Ok(None);
+    }
+    Ok(Some(detection_sheet(&cases).map_err(PipelineError::from)?))
 }

@@ -112,7 +112,7 @@ fn publish(
         camera: solution.camera_in_words(),
         damaged: decode.is_damaged(),
         frames_lost: decode.missing,
-        partly_followed: solution.not_followed.is_much(),
+        partly_followed: solution.not_followed.is_much() && !decode.is_damaged(),
         frames_not_followed: solution.not_followed.frames,
     })
 }

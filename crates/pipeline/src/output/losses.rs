@@ -16,7 +16,7 @@ pub(crate) fn losses_in_words(counts: &Counts, rows: &[TrackRow], options: &Deco
     }
     if frames_not_followed > 0 {
         sentences.push(format!(
-            "Vehicles were not followed in {frames_not_followed} frames, because the camera moved."
+            "Vehicles were not followed in {frames_not_followed} frames, because the camera moved or may have moved."
         ));
     }
     sentences.extend(left_out(options));
@@ -98,6 +98,7 @@ mod tests {
             frames_read: 90,
             frames_lost: 10,
             frames_skipped: 60,
+            frames_not_followed: 7,
             boxes: [("car", 400), ("truck", 135)].map(|(class, n)| (class.to_owned(), n)).into(),
             rejected: [("no_pose", 1), ("odd_one", 3)].map(|(reason, n)| (reason.to_owned(), n)).into(),
             ..Counts::default()
@@ -108,6 +109,7 @@ mod tests {
             sentences,
             [
                 "10 of 100 frames could not be decoded.",
+                "Vehicles were not followed in 7 frames, because the camera moved or may have moved.",
                 "Skipped by the configuration: the time before 4 s, all but one of every 3 frames.",
                 "60 of 90 decoded frames were skipped by these settings.",
                 "135 boxes of trucks, in no track of the class: a truck has no shape model, so position, heading and size come \

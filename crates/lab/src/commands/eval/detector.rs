@@ -20,7 +20,7 @@ pub fn detector(args: &EvalDetectorArgs, cancel: &Cancel) -> anyhow::Result<Outc
     let options = DetectorOptions {
         providers: args.format.iter().map(provider).collect(),
         min_width_px: args.min_width_px.unwrap_or(config.detect.min_width_px),
-        worst: if args.out.is_some() { args.worst } else { 0 },
+        worst: if args.out.is_some() { args.worst as usize } else { 0 },
     };
     let report = evaluate_detector(&args.inputs, &models, &config, &options, cancel, &Bar::new("eval"))?;
     show(&report, args.out.as_deref())?;

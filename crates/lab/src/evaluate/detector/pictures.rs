@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use roadplane_base::VehicleClass;
+use roadplane_metrics::MetricsError;
 use roadplane_metrics::detection_curve::IgnoredRegion;
 use roadplane_metrics::text_file::read_text;
 use roadplane_metrics::truth::{Kind, Truth, read_dataset, read_truth};
@@ -12,8 +13,6 @@ use crate::LabError;
 
 /// Vehicles of a data set with a smaller visible share are ignored. The training of the detector ignores them, too.
 const LEAST_VISIBLE: f64 = 0.25;
-/// Overlap with an ignored region, or share inside it, from which a detection does not count.
-const IGNORED: f64 = 0.5;
 /// Overlap with an unlabelled neighbour from which a detection does not count.
 const NEIGHBOUR_IOU: f64 = 0.25;
 /// Limits of the groups of tilt, roll and hidden share.
@@ -73,7 +72,7 @@ struct ListedPicture {
 
 /// Reads a JSON list, a data set, or a folder of pictures without vehicles.
 pub fn read_set(input: &Path) -> Result<PictureSet, LabError> {
-    let name = input.file_name().unwrap_or_default().to_string_lossy().into_owned();
+    let mut name = input.display().to_string();
     let pictures = if input.is_file() {
         read_list(input)?
     } else if input.join("dataset.json").is_file() {
@@ -81,6 +80,7 @@ pub fn read_set(input: &Path) -> Result<PictureSet, LabError> {
         let truths = items.iter().map(|item| read_truth(item)).collect::<Result<Vec<_>, _>>()?;
         truths.into_iter().filter(|truth| truth.kind == Kind::Still).filter_map(of_truth).collect()
     } else {
+        name += ", no vehicles";
         read_empty(input)?
     };
     if pictures.is_empty() {
@@ -94,11 +94,13 @@ fn read_list(path: &Path) -> Result<Vec<LabelledPicture>, LabError> {
         serde_json::from_str(&read_text(path)?).map_err(|error| LabError::malformed(path, error))?;
     let folder = path.parent().unwrap_or_else(|| Path::new(""));
     let picture = |listed: ListedPicture| {
-        let of = |least_iou, least_inside| {
-            move |bbox_px: &[f64; 4]| IgnoredRegion { bbox_px: *bbox_px, least_iou, least_inside }
+        let regions = listed.ignore_px.iter().map(|bbox_px| IgnoredRegion::at_half(*bbox_px));
+        let neighbour = |bbox_px: &[f64; 4]| IgnoredRegion {
+            bbox_px: *bbox_px,
+            least_iou: NEIGHBOUR_IOU,
+            least_inside: f64::INFINITY,
         };
-        let regions = listed.ignore_px.iter().map(of(IGNORED, IGNORED));
-        let neighbours = listed.neighbours_px.iter().map(of(NEIGHBOUR_IOU, f64::INFINITY));
+        let neighbours = listed.neighbours_px.iter().map(neighbour);
         LabelledPicture {
             path: folder.join(listed.file),
             vehicles: listed
@@ -131,10 +133,7 @@ fn of_truth(truth: Truth) -> Option<LabelledPicture> {
     Some(LabelledPicture {
         path: truth.media.clone()?,
         vehicles: clear.iter().map(vehicle).collect(),
-        ignored: slivers
-            .iter()
-            .map(|car| IgnoredRegion { bbox_px: car.bbox_px, least_iou: IGNORED, least_inside: IGNORED })
-            .collect(),
+        ignored: slivers.iter().map(|car| IgnoredRegion::at_half(car.bbox_px)).collect(),
         groups,
     })
 }
@@ -149,12 +148,14 @@ pub fn range(limits: &[f64], value: f64) -> String {
 }
 
 fn read_empty(folder: &Path) -> Result<Vec<LabelledPicture>, LabError> {
-    let entries = std::fs::read_dir(folder).map_err(|error| LabError::malformed(folder, error))?;
+    let unreadable = |source| MetricsError::Unreadable { path: folder.to_path_buf(), source };
+    let entries = std::fs::read_dir(folder).and_then(Iterator::collect::<Result<Vec<_>, _>>);
+    let entries = entries.map_err(unreadable)?;
     let is_picture = |path: &PathBuf| {
         let suffix = path.extension().unwrap_or_default().to_string_lossy().to_lowercase();
         ["jpg", "jpeg", "png"].contains(&suffix.as_str())
     };
-    let mut paths: Vec<PathBuf> = entries.flatten().map(|entry| entry.path()).filter(is_picture).collect();
+    let mut paths: Vec<PathBuf> = entries.iter().map(std::fs::DirEntry::path).filter(is_picture).collect();
     paths.sort();
     let empty = |path| LabelledPicture { path, vehicles: vec![], ignored: vec![], groups: vec![] };
     Ok(paths.into_iter().map(empty).collect())

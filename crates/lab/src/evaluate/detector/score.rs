@@ -8,8 +8,6 @@ use super::pictures::{Labelled, PictureSet};
 
 /// Overlaps (IoU) from which a detection finds a vehicle: of AP50 and of AP70.
 pub const LEAST_IOUS: [f64; 2] = [0.5, 0.7];
-/// Share of a box inside a vehicle that is too narrow from which a detection does not count.
-const IGNORED: f64 = 0.5;
 
 /// The scored detections of a set.
 #[derive(Clone, Debug)]
@@ -21,25 +19,32 @@ pub struct Scored {
     detections: Vec<Vec<CarRecord>>,
 }
 
-/// Scores detections; vehicles that are narrower than `min_width_px` are ignored.
-pub fn score(set: &PictureSet, found: &[Vec<CarRecord>], min_width_px: f64) -> Scored {
+/// Scores detections. Vehicles of other classes than `classes` are ignored. Vehicles that are narrower than
+/// `min_width_px` are ignored too, and so are narrower boxes that find no vehicle.
+pub fn score(
+    set: &PictureSet,
+    found: &[Vec<CarRecord>],
+    classes: &[VehicleClass],
+    min_width_px: f64,
+) -> Scored {
+    let is_wide = |bbox_px: &[f64; 4]| bbox_px[2] - bbox_px[0] >= min_width_px;
     let mut scored = Scored { judged: Vec::new(), vehicles: Vec::new(), detections: found.to_vec() };
     for (picture, found) in set.pictures.iter().zip(found) {
-        let (wide, narrow): (Vec<Labelled>, Vec<Labelled>) = picture
-            .vehicles
-            .iter()
-            .cloned()
-            .partition(|vehicle| vehicle.bbox_px[2] - vehicle.bbox_px[0] >= min_width_px);
+        let counts = |vehicle: &Labelled| {
+            is_wide(&vehicle.bbox_px) && vehicle.class.is_none_or(|class| classes.contains(&class))
+        };
+        let (wide, others): (Vec<Labelled>, Vec<Labelled>) =
+            picture.vehicles.iter().cloned().partition(counts);
         let mut ignored = picture.ignored.clone();
-        ignored.extend(narrow.iter().map(|vehicle| IgnoredRegion {
-            bbox_px: vehicle.bbox_px,
-            least_iou: IGNORED,
-            least_inside: IGNORED,
-        }));
+        ignored.extend(others.iter().map(|vehicle| IgnoredRegion::at_half(vehicle.bbox_px)));
         let truth: Vec<[f64; 4]> = wide.iter().map(|vehicle| vehicle.bbox_px).collect();
         let boxes: Vec<FoundBox> =
             found.iter().map(|car| FoundBox { bbox_px: car.bbox_px, score: car.score }).collect();
-        scored.judged.push(LEAST_IOUS.map(|least| JudgedPicture::of(&truth, &ignored, &boxes, least)));
+        scored.judged.push(LEAST_IOUS.map(|least| {
+            let mut judged = JudgedPicture::of(&truth, &ignored, &boxes, least);
+            judged.judged.retain(|j| j.vehicle.is_some() || is_wide(&boxes[j.detection].bbox_px));
+            judged
+        }));
         scored.vehicles.push(wide);
     }
     scored

@@ -14,19 +14,21 @@ const WIDTHS_PX: [f64; 4] = [24.0, 48.0, 96.0, 192.0];
 pub fn curve_table(set: &str, rows: &[(&str, Scored)], threshold: f64) -> Table {
     let mut columns = vec![Column::new("format", 0), Column::new("pictures", 0), Column::new("vehicles", 0)];
     columns.extend(["AP50, %", "AP70, %"].map(|head| Column::new(head, 1)));
-    columns.extend(
-        ["at 90 %: found", "score", "at 95 %: found", "score", "best F1: found", "false", "score"]
-            .map(|head| Column::new(head, if head == "score" { 2 } else { 0 })),
-    );
-    columns.push(Column::new(format!("from {threshold:.2}: found"), 0));
-    columns.extend([Column::new("false", 0), Column::new("false a picture", 2)]);
-    let note = "A vehicle is found by a box with an IoU of 0.5 (AP70: 0.7). AP as in COCO. At 90 and 95 %: the most \
-                vehicles that are found with this precision, and the score that gives them.";
+    for at in ["at 90 %", "at 95 %"] {
+        columns.extend([Column::new(format!("found {at}"), 0), Column::new(format!("score {at}"), 2)]);
+    }
+    columns.extend(["found at best F1", "false at best F1"].map(|head| Column::new(head, 0)));
+    columns.push(Column::new("score at best F1", 2));
+    columns.extend(["found", "false"].map(|head| Column::new(format!("{head} from {threshold:.2}"), 0)));
+    columns.push(Column::new("false a picture", 2));
+    let note = "A vehicle is found by a box with an IoU of 0.5 (AP70: 0.7), whatever the class. AP: mean precision at 101 \
+                levels of recall. At 90 and 95 %: the most vehicles that are found with this precision, and the score \
+                that gives them. Vehicles of classes that the net lacks do not count.";
     let mut table = Table::new(format!("Detector: {set}"), note, columns);
     for (name, scored) in rows {
         let curve = scored.curve();
         let whole = |counts: usize| Cell::from(counts as f64);
-        let found_at = |Counts { found, score, .. }: Counts| [whole(found), score.into()];
+        let of = |at: Option<Counts>, number: &dyn Fn(Counts) -> f64| Cell::from(at.map_or(f64::NAN, number));
         let mut row = vec![Cell::from(*name), scored.judged.len().to_string().into()];
         row.push(curve.vehicles().to_string().into());
         for iou in [0, 1] {
@@ -36,10 +38,11 @@ pub fn curve_table(set: &str, rows: &[(&str, Scored)], threshold: f64) -> Table 
             };
             row.push(bootstrap_scenes(&scored.judged, curve.vehicles(), ap).into());
         }
-        row.extend(found_at(curve.at_precision(0.9)));
-        row.extend(found_at(curve.at_precision(0.95)));
+        for at in [curve.at_precision(0.9), curve.at_precision(0.95)] {
+            row.extend([of(at, &|counts| counts.found as f64), of(at, &|counts| counts.score)]);
+        }
         let best = curve.at_best_f1();
-        row.extend([whole(best.found), whole(best.wrong), best.score.into()]);
+        row.extend([of(best, &|c| c.found as f64), of(best, &|c| c.wrong as f64), of(best, &|c| c.score)]);
         let kept = curve.from_score(threshold);
         row.extend([whole(kept.found), whole(kept.wrong)]);
         row.push((kept.wrong as f64 / scored.judged.len().max(1) as f64).into());
@@ -105,4 +108,86 @@ fn natural(name: &str) -> (String, bool, i64) {
     let text = if number.is_some() { "" } else { value };
     let thousandths = number.map_or(0, |number| (1000.0 * number) as i64);
     (format!("{kind}: {text}"), !value.starts_with("below"), thousandths)
+}
+
+#[cfg(test)]
+mod tests {
+    use roadplane_base::{CarRecord, VehicleClass};
+
+    use super::*;
+    use crate::evaluate::detector::pictures::{Labelled, LabelledPicture};
+    use crate::evaluate::detector::score::score;
+
+    const WIDE: [f64; 4] = [0.0, 0.0, 40.0, 30.0];
+    const NARROW: [f64; 4] = [100.0, 0.0, 110.0, 10.0];
+    const BUS: [f64; 4] = [200.0, 0.0, 320.0, 60.0];
+    const RIDER: [f64; 4] = [400.0, 0.0, 430.0, 50.0];
+
+    fn vehicle(bbox_px: [f64; 4], class: VehicleClass) -> Labelled {
+        Labelled { bbox_px, class: Some(class), groups: vec![("hidden share", "below 0.05".to_owned())] }
+    }
+
+    fn found(bbox_px: [f64; 4], class: VehicleClass, score: f64) -> CarRecord {
+        CarRecord { class, score, ..CarRecord::boxed(bbox_px) }
+    }
+
+    /// Returns a set of one picture, and its scored detections: the wide car, the bus as a truck, and a false box.
+    fn example() -> (PictureSet, Scored) {
+        use VehicleClass::{Bus, Car, Motorcycle, Truck};
+        let vehicles =
+            vec![vehicle(WIDE, Car), vehicle(NARROW, Car), vehicle(BUS, Bus), vehicle(RIDER, Motorcycle)];
+        let picture = LabelledPicture { path: "a.jpg".into(), vehicles, ignored: vec![], groups: vec![] };
+        let set = PictureSet { name: "set".to_owned(), pictures: vec![picture] };
+        let cars = vec![
+            found(WIDE, Car, 0.9),
+            found(NARROW, Car, 0.8),
+            found(BUS, Truck, 0.7),
+            found([600.0, 0.0, 640.0, 30.0], Car, 0.6),
+            found([700.0, 0.0, 710.0, 10.0], Car, 0.5),
+        ];
+        let scored = score(&set, &[cars], &VehicleClass::ALL[..3], 24.0);
+        (set, scored)
+    }
+
+    #[test]
+    fn narrow_vehicles_and_classes_that_the_net_lacks_do_not_count() {
+        let (_, scored) = example();
+        let curve = scored.curve();
+        assert_eq!(curve.vehicles(), 2);
+        assert_eq!(curve.from_score(0.1), Counts { found: 2, wrong: 1, score: 0.1 });
+        assert_eq!(scored.errors(0, 0.65), (vec![], vec![]));
+        assert_eq!(scored.errors(0, 0.8), (vec![BUS], vec![]));
+        assert_eq!(scored.errors(0, 0.1).1.len(), 1);
+        assert_eq!(scored.found(0, 0.65), [WIDE, BUS]);
+    }
+
+    #[test]
+    fn groups_are_in_order_and_count_right_classes() {
+        let (set, scored) = example();
+        let table = group_table("set", &set, &scored, 0.35).unwrap();
+        let names: Vec<String> = table.rows.iter().map(|row| format!("{:?}", row[0])).collect();
+        let expected =
+            ["class: bus", "class: car", "hidden share: below 0.05", "width, px: 24–48", "width, px: 96–192"];
+        assert!(names.iter().zip(expected).all(|(name, expected)| name.contains(expected)), "{names:?}");
+        let value = |row: usize, column: usize| match &table.rows[row][column] {
+            Cell::Number(estimate) => estimate.value,
+            Cell::Text(text) => panic!("{text}"),
+        };
+        assert_eq!((value(0, 2), value(0, 4)), (100.0, 0.0), "the bus was found as a truck");
+        assert_eq!((value(1, 2), value(1, 4)), (100.0, 100.0));
+        assert!(natural("width, px: below 24") < natural("width, px: 24–48"));
+        assert!(natural("width, px: 96–192") < natural("width, px: 192 and more"));
+    }
+
+    #[test]
+    fn pictures_without_vehicles_have_false_boxes_alone() {
+        let picture =
+            LabelledPicture { path: "a.jpg".into(), vehicles: vec![], ignored: vec![], groups: vec![] };
+        let set = PictureSet { name: "empty".to_owned(), pictures: vec![picture] };
+        let scored = score(&set, &[vec![found(WIDE, VehicleClass::Car, 0.9)]], &VehicleClass::ALL, 24.0);
+        assert!(group_table("empty", &set, &scored, 0.35).is_none());
+        let table = curve_table("empty", &[("f32", scored)], 0.35);
+        let text = table.to_text();
+        assert!(text.contains("1.00") && !text.contains("0.90"), "{text}");
+    }
 }

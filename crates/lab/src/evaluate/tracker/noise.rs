@@ -144,8 +144,7 @@ fn keypoints(car: &TrueCar, noise: f64, size: ImageSize, rng: &mut Rng) -> Optio
 fn flipped(class: VehicleClass) -> VehicleClass {
     match class {
         VehicleClass::Car | VehicleClass::Bus => VehicleClass::Truck,
-        VehicleClass::Truck => VehicleClass::Car,
-        VehicleClass::Motorcycle => VehicleClass::Motorcycle,
+        VehicleClass::Truck | VehicleClass::Motorcycle => VehicleClass::Car,
     }
 }
 
