@@ -70,10 +70,11 @@ where
         if self.is_moving || shows_no_rest {
             leave_out_vehicles(&mut frame);
         }
-        if let Some(watch) = frame.watch.as_mut().filter(|watch| !watch.verdict.is_blind()) {
-            if self.is_moving || watch.verdict == PictureVerdict::Moving {
-                watch.left_out = LeftOut::Moved;
-            }
+        if let Some(watch) = &mut frame.watch
+            && !watch.verdict.is_blind()
+            && (self.is_moving || watch.verdict == PictureVerdict::Moving)
+        {
+            watch.left_out = LeftOut::Moved;
         }
         settle(&mut frame);
         Some(Ok(frame))

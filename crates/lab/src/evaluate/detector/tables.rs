@@ -68,7 +68,7 @@ pub fn group_table(set: &str, pictures: &PictureSet, scored: &Scored, threshold:
             }
         }
     }
-    groups.sort_by(|a, b| natural(&a.0).cmp(&natural(&b.0)));
+    groups.sort_by_key(|(name, _)| natural(name));
     let columns = vec![
         Column::new("group", 0),
         Column::new("vehicles", 0),
