@@ -32,8 +32,8 @@ fn without_times(log: &str) -> String {
         Some((time, rest)) if time.starts_with("20") => format!("{rest}\n"),
         _ => format!("{line}\n"),
     };
-    let varies =
-        |line: &str| line.contains("nets run in") || line.contains(" INFO ") && line.contains(" frames/s");
+    let is_progress = |line: &str| line.contains(" INFO ") && line.contains(" frames/s");
+    let varies = |line: &str| line.contains("nets run in") || is_progress(line);
     log.lines().filter(|text| !varies(text)).map(line).collect()
 }
 

@@ -71,6 +71,22 @@ class Steps(unittest.TestCase):
             step.main()
         self.assertEqual(json.loads(Path("steps/result/clip.json").read_text())["outcome"], "lost")
 
+    def test_the_status_of_a_joined_run_is_its_outcome(self) -> None:
+        self.piece("good", 1)
+        line = ["step.py", "result", "steps/result/good.json", "steps/piece/good/000000.json"]
+        states = {"complete": "done", "partly_followed": "partly followed", "input_damaged": "damaged", None: "lost"}
+        for state, outcome in states.items():
+
+            def join(*_: object, state: str | None = state) -> tuple[step.Json, str]:
+                result = Path("work/result/good/good")
+                if state:
+                    step.write_json(result / "summary.json", {"status": state})
+                return {"exit": 0 if state == "complete" else 3, "said": []}, ""
+
+            with mock.patch.object(sys, "argv", line), mock.patch.object(step, "call", join):
+                step.main()
+            self.assertEqual(json.loads(Path("steps/result/good.json").read_text())["outcome"], outcome)
+
     def test_clips_are_those_of_a_folder_or_a_list(self) -> None:
         Path("in").mkdir()
         for name in ("b.mp4", "a.mkv", ".hidden.mp4", "notes.txt"):

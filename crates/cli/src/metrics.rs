@@ -11,6 +11,7 @@ use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 
 use roadplane_pipeline::{Fault, PipelineError, Progress, RunReport, WriteError};
 use roadplane_write::OutFile;
+use roadplane_write::RunStatus;
 
 use roadplane_terminal::Bar;
 
@@ -73,10 +74,10 @@ impl Metrics {
         counts.running.fetch_sub(1, Relaxed);
         match result {
             Ok(report) => {
-                let state = match (report.damaged, report.partly_followed) {
-                    (true, _) => &counts.damaged,
-                    (false, true) => &counts.partly_followed,
-                    (false, false) => &counts.done,
+                let state = match report.status {
+                    RunStatus::InputDamaged => &counts.damaged,
+                    RunStatus::PartlyFollowed => &counts.partly_followed,
+                    RunStatus::Complete => &counts.done,
                 };
                 state.fetch_add(1, Relaxed);
                 counts.tracks.fetch_add(report.tracks.unwrap_or(0), Relaxed);
@@ -263,14 +264,13 @@ mod tests {
             folder: "o".into(),
             tracks: Some(7),
             camera: String::new(),
-            damaged: true,
+            status: RunStatus::InputDamaged,
             frames_lost: 3,
-            partly_followed: false,
             frames_not_followed: 2,
         };
         metrics.end(&Ok(report.clone()));
         metrics.begin();
-        metrics.end(&Ok(RunReport { damaged: false, partly_followed: true, frames_lost: 0, ..report }));
+        metrics.end(&Ok(RunReport { status: RunStatus::PartlyFollowed, frames_lost: 0, ..report }));
         metrics.begin();
         let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
         serve(free, &metrics).unwrap();

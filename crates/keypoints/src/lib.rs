@@ -4,10 +4,10 @@
 //!
 //! # Contents
 //! ```text
-//! Schedule       the cars on which the net runs in a frame                      (schedule.rs)
-//! → SquareCrop   the part of the picture that the net reads                     (crop.rs)
-//! → KeypointNet  crops in batches → heatmaps, visibilities                      (net.rs)
-//! → Calibration  heatmap → location with covariance, without the net's prior    (heatmap.rs)
+//! schedule.rs  Schedule: chooses the cars on which the net runs in a frame.
+//! crop.rs      SquareCrop: the part of the picture that the net reads.
+//! net.rs       KeypointNet: turns crops, in batches, into heatmaps and visibilities.
+//! heatmap.rs   Calibration: turns a heatmap into a location with covariance, without the net's prior.
 //! ```
 
 mod crop;

@@ -7,7 +7,7 @@
 //!             regions, run (with vehicles), solver, tracker
 //! systems/    the systems that estimate poses from keypoints (rows of the tables)
 //! tables/     scores as tables and plots with intervals (crate `tables`)
-//! others      error.rs, finished_run.rs, parallel.rs, workplace.rs
+//! others      error.rs, finished_run.rs, parallel.rs, work.rs, workplace.rs
 //! args/, commands/, program.rs   the program `roadplane-lab`; its binary is a target of the crate `cli`
 //! ```
 //! The crate `metrics` holds the metrics and the readers of truth files and of other programs' files.
@@ -23,6 +23,7 @@ mod parallel;
 mod program;
 pub mod systems;
 pub mod tables;
+mod work;
 mod workplace;
 
 pub use error::LabError;

@@ -1,7 +1,7 @@
 //! Counts the frames in which vehicles were not followed, because the camera moved.
 
 use roadplane_base::{FrameRecord, LeftOut};
-use roadplane_write::Summary;
+use roadplane_write::{RunStatus, Summary};
 
 /// Share of the frames above which a run counts as partly followed, 0–1.
 const MUCH: f64 = 0.05;
@@ -26,9 +26,14 @@ impl NotFollowed {
         self.frames as f64 / self.all_frames.max(1) as f64
     }
 
-    /// Whether the camera moved in so many frames that the run counts as partly followed.
-    pub(crate) fn is_much(&self) -> bool {
-        (self.frames - self.undecided) as f64 > MUCH * self.all_frames as f64
+    /// Returns the status of a run. It is partly followed if the camera moved in many frames of an undamaged input.
+    pub(crate) fn status(&self, is_damaged: bool) -> RunStatus {
+        let is_much = (self.frames - self.undecided) as f64 > MUCH * self.all_frames as f64;
+        match (is_damaged, is_much) {
+            (true, _) => RunStatus::InputDamaged,
+            (false, true) => RunStatus::PartlyFollowed,
+            (false, false) => RunStatus::Complete,
+        }
     }
 
     /// Returns the warning for the user; `None` if vehicles were followed in all frames.
@@ -45,8 +50,10 @@ impl NotFollowed {
         ))
     }
 
-    /// Writes the counts into a summary.
+    /// Writes the counts into a summary, and updates its status and exit code.
     pub(crate) fn note(&self, summary: &mut Summary) {
+        summary.status = self.status(summary.status == RunStatus::InputDamaged);
+        summary.exit_code = if summary.status == RunStatus::Complete { 0 } else { 3 };
         summary.counts.frames_not_followed = self.frames;
         summary.watch.not_followed_s = self.seconds;
         summary.watch.not_followed_share = self.share();
@@ -101,22 +108,24 @@ mod tests {
         let sum = counted(100, |index| if index < 90 { LeftOut::No } else { LeftOut::Moved });
         assert_eq!(sum.frames, 10);
         assert!((sum.seconds - 0.9).abs() < 1e-9 && (sum.share() - 0.1).abs() < 1e-9);
+        assert_eq!(
+            [false, true].map(|is_damaged| sum.status(is_damaged)),
+            [RunStatus::PartlyFollowed, RunStatus::InputDamaged]
+        );
+        let words = sum.in_words().unwrap();
         assert!(
-            sum.is_much()
-                && sum
-                    .in_words()
-                    .unwrap()
-                    .contains("moved: vehicles were not followed in 10 frames (0.9 s, 10.0 % of all)")
+            words.contains("moved: vehicles were not followed in 10 frames (0.9 s, 10.0 % of all)"),
+            "{words}"
         );
         let few = counted(100, |index| if index == 50 { LeftOut::Moved } else { LeftOut::No });
-        assert!(!few.is_much() && few.in_words().is_some());
+        assert!(few.status(false) == RunStatus::Complete && few.in_words().is_some());
         assert_eq!(counted(100, |_| LeftOut::No).in_words(), None);
     }
 
     #[test]
     fn an_undecided_end_is_reported_but_no_fault() {
         let sum = counted(100, |index| if index < 80 { LeftOut::No } else { LeftOut::MayHaveMoved });
-        assert!(!sum.is_much());
+        assert_eq!(sum.status(false), RunStatus::Complete);
         assert!(sum.in_words().unwrap().starts_with("the camera may have moved at the end of the clip: "));
     }
 }

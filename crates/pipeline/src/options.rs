@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use roadplane_geo::Site;
-use roadplane_write::Existing;
+use roadplane_write::{Existing, RunStatus};
 
 use crate::CameraConstraints;
 use crate::cameras::memory::CameraDatabase;
@@ -63,13 +63,12 @@ pub struct RunReport {
     pub tracks: Option<u64>,
     /// Text about the camera for the log: focal length, height and tilt, or the reason why they are absent.
     pub camera: String,
-    /// Whether some of the input was lost or damaged.
-    pub damaged: bool,
+    /// Outcome of the run. For a piece, it is complete or damaged.
+    pub status: RunStatus,
     /// Number of frames that could not be decoded.
     pub frames_lost: u64,
-    /// Whether vehicles were not followed in much of the input, because the camera moved, and the input was not damaged.
-    pub partly_followed: bool,
-    /// Number of frames in which vehicles were not followed, because the camera moved.
+    /// Number of frames in which vehicles were not followed, because the camera moved. It is 0 for a piece, as only the
+    /// joined result has this count.
     pub frames_not_followed: u64,
 }
 
@@ -77,6 +76,6 @@ impl RunReport {
     /// Whether a part of the input is missing from the result: lost, damaged or not followed.
     #[must_use]
     pub fn is_partial(&self) -> bool {
-        self.damaged || self.partly_followed
+        self.status != RunStatus::Complete
     }
 }

@@ -21,7 +21,7 @@
 use std::{collections::BTreeMap, f64::consts::PI, ops::AddAssign as _};
 
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
-use roadplane_base::{VehicleClass, assign, bbox_iou, fold_axis, upper_median};
+use roadplane_base::{assign, bbox_iou, fold_axis, upper_median};
 
 use crate::{
     measurement::Sighting,
@@ -86,8 +86,9 @@ const MAX_BACKWARDS_M: f64 = 8.0;
 const SIZE_SD: f64 = 0.15;
 /// Sd of the logarithm of a vehicle's size (box diagonal times distance), seen from different views.
 const TURNED_SIZE_SD: f64 = 0.5;
-/// Votes that each class has in advance.
-const VOTE: f64 = 0.5;
+/// Votes that each class has in advance, in the order of `VehicleClass::ALL`. Nets confuse cars, trucks and buses with
+/// each other, but hardly with motorcycles.
+const PRIOR_VOTES: [f64; VOTES] = [0.5, 0.5, 0.5, 0.0];
 
 /// Joins tracklets into tracks. Gaps of up to `horizon_s` are bridged, s.
 pub(crate) fn link(mut tracklets: Vec<RawTrack>, horizon_s: f64) -> Vec<RawTrack> {
@@ -409,11 +410,9 @@ fn creep_density(end: &End, start: &End, way: &Vector2<f64>, places: &Matrix2<f6
 /// Returns the log likelihood ratio of the class votes: both tracks are one vehicle, or two unrelated vehicles. It is
 /// at most 0.
 fn class_gain(end: &End, start: &End) -> f64 {
-    // Nets confuse cars, trucks and buses with each other, but hardly with motorcycles.
-    let prior = |c: usize| if VehicleClass::ALL[c] == VehicleClass::Motorcycle { 0.0 } else { VOTE };
-    let prior_sum: f64 = (0..VOTES).map(prior).sum();
-    let share =
-        |votes: &[f64; VOTES], c: usize| (votes[c] + prior(c)) / (votes.iter().sum::<f64>() + prior_sum);
+    let share = |votes: &[f64; VOTES], c: usize| {
+        (votes[c] + PRIOR_VOTES[c]) / (votes.iter().sum::<f64>() + PRIOR_VOTES.iter().sum::<f64>())
+    };
     let same: f64 = (0..VOTES).map(|c| share(&end.votes, c) * share(&start.votes, c)).sum();
     // Most vehicles are of one class, so agreement says little and disagreement much.
     (same / 0.6).ln().min(0.0)

@@ -12,6 +12,7 @@ import numpy as np
 
 from roadplane_train.detect.model import CLASSES
 from roadplane_train.detect.outlines import octagon, visible_outline
+from roadplane_train.render.camera import Camera
 
 IGNORED = -1
 # Agreement of the teachers from which their box counts as true, and from which it is ignored at least.
@@ -86,10 +87,8 @@ def _corners_px(camera: dict, world_from_car: np.ndarray, dims_m: list[float]) -
     """Returns the corners [8, 2] of a vehicle's cuboid, whose origin is at half its length; none if one is behind."""
     length, width, height = dims_m
     corners = [(x, y, z, 1.0) for x in (-length / 2, length / 2) for y in (-width / 2, width / 2) for z in (0.0, height)]
-    in_camera = np.array(corners) @ (np.array(camera["camera_from_world"]) @ world_from_car).T
-    if in_camera[:, 2].min() < NEAREST_M:
-        return np.zeros((0, 2))
-    return in_camera[:, :2] / in_camera[:, 2:3] * camera["focal_px"] + np.array(camera["principal_point_px"])
+    pixels, depth = Camera.of(camera).pixel_from_world((np.array(corners) @ world_from_car.T)[:, :3])
+    return pixels if depth.min() >= NEAREST_M else np.zeros((0, 2))
 
 
 def labelled_pictures(path: Path) -> list[Picture]:

@@ -22,6 +22,7 @@ from roadplane_train.detect.frames import stills_of
 from roadplane_train.detect.outlines import bounds, octagon, visible_outline
 from roadplane_train.detect.panoramas import exposed, write_panoramas
 from roadplane_train.detect.pictures import IGNORED, Picture, _corners_px, empty_pictures, labelled_picture, rendered_pictures
+from roadplane_train.render.camera import world_from_car
 
 LOTS = REPOSITORY / "tests/data/lots/scenes"
 
@@ -231,16 +232,10 @@ def test_panoramas_become_photographs(tmp_path: Path) -> None:
     assert pixels.dtype == np.uint8 and pixels[3, 0, 0] > pixels[0, 0, 0] > 0
 
 
-def test_lorries_are_outlined_by_their_cuboid(lots: list[Picture]) -> None:
-    """The outline has the bounds of the box, and is tighter than an octagon once it is rolled."""
-    camera = {
-        "camera_from_world": np.eye(4).tolist(),
-        "focal_px": 1000.0,
-        "principal_point_px": [640.0, 360.0],
-    }
-    # The lorry is 20 m before the camera, seen from the side; the camera's y points down.
-    world_from_car = np.array([[1.0, 0, 0, 0], [0, 0, -1, 2], [0, 1, 0, 20], [0, 0, 0, 1]])
-    corners = _corners_px(camera, world_from_car, [8.0, 2.5, 3.0])
+def test_lorries_have_the_corners_of_their_cuboid() -> None:
+    camera = {"image_size_px": [1280, 720], "focal_px": 1000.0, "height_m": 2.0, "tilt_rad": 0.0, "roll_rad": 0.0}
+    # The lorry is seen from the side: 20 m ahead, and its nearest side at 18.75 m.
+    corners = _corners_px(camera, world_from_car(0.0, 20.0, 0.0), [8.0, 2.5, 3.0])
     assert corners.shape == (8, 2)
     np.testing.assert_allclose(corners.max(0) - corners.min(0), [8000 / 18.75, 3000 / 18.75], rtol=0.02)
-    assert not len(_corners_px(camera, np.array([[1.0, 0, 0, 0], [0, 0, -1, 2], [0, 1, 0, 1], [0, 0, 0, 1]]), [8.0, 2.5, 3.0]))
+    assert not len(_corners_px(camera, world_from_car(0.0, 1.0, 0.0), [8.0, 2.5, 3.0]))

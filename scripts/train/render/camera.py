@@ -17,6 +17,11 @@ class Camera:
     tilt_rad: float  # optical axis below the horizontal is positive
     roll_rad: float  # positive: the scene's horizon turns clockwise in the image
 
+    @classmethod
+    def of(cls, record: dict) -> Camera:
+        """Returns the camera of a record with the keys of `camera.json`."""
+        return cls(tuple(record["image_size_px"]), *(record[key] for key in ("focal_px", "height_m", "tilt_rad", "roll_rad")))
+
     @property
     def principal_point_px(self) -> tuple[float, float]:
         """Returns the image centre; pixel (0, 0) is the centre of the top-left pixel."""

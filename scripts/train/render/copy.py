@@ -57,14 +57,13 @@ def view_of(name: str, scene: dict) -> View:
     own.
     """
     known = scene["camera"]
-    fields = ("focal_px", "height_m", "tilt_rad", "roll_rad")
-    same = Camera(tuple(known["image_size_px"]), *(known[field] for field in fields))
+    same = Camera.of(known)
     if name == "same":
         return View(same, (0.0, 0.0, 0.0))
     if name not in ("opposite", "side", "above"):
         file = json.loads(Path(name).read_text())
         foot = tuple(file.get("foot", (0.0, 0.0, 0.0)))
-        return View(Camera(tuple(file["image_size_px"]), *(file[field] for field in fields)), foot)
+        return View(Camera.of(file), foot)
     around, higher = {"opposite": (np.pi, 1.0), "side": (np.pi / 2, 1.5), "above": (0.0, 4.0)}[name]
     middle = np.median([(v["x_m"], v["y_m"]) for car in scene["vehicles"] for v in car["trajectory"]], axis=0)
     away = np.linalg.norm(middle)

@@ -51,8 +51,7 @@ def main() -> None:
     parser.add_argument("truth", type=Path, help="truth file of the clip")
     args = parser.parse_args()
     scene, truth = (json.loads(path.read_text()) for path in (args.scene / "scene.json", args.truth))
-    known = truth["camera"]
-    camera = Camera(tuple(known["image_size_px"]), *(known[f] for f in ("focal_px", "height_m", "tilt_rad", "roll_rad")))
+    camera = Camera.of(truth["camera"])
     view, garage = view_of("same", scene), Garage(Meshes())
     copies = [(vehicle, garage.of(vehicle)) for vehicle in scene["vehicles"]]
     trajectories = [

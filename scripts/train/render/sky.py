@@ -28,7 +28,7 @@ WEATHERS = {
 FOG_PER_M = (0.006, 0.03)
 NIGHT_GLARE, DIM_GLARE = (3.0, 25.0), (0.3, 2.0)  # scattered light, relative to the saturation of a pixel
 SATURATED, LAMP = np.uint8(200), 235  # grey levels from which light scatters, and that only lamps reach
-BEAM_SCALE = 2
+BEAM_SCALE = 2  # beams are drawn in a picture that is smaller than the camera's by this factor
 GLARE_SCALE = 4  # glare is computed in a picture that is smaller by this factor
 BEAM = ((0.5, -0.7), (16.0, -3.5), (16.0, 3.0), (0.5, 0.7))  # lit ground before a car: ahead and left, m
 # Changes a drawing, RGB uint8, larger than the picture.

@@ -140,13 +140,17 @@ pub struct EvalDatasetArgs {
     pub config: ConfigArgs,
 }
 
+fn number(text: &str) -> Result<f64, String> {
+    text.parse().map_err(|_not_a_number| "must be a number".to_owned())
+}
+
 fn width(text: &str) -> Result<f64, String> {
-    let width: f64 = text.parse().map_err(|_not_a_number| "must be a number".to_owned())?;
+    let width = number(text)?;
     if width.is_finite() && width >= 0.0 { Ok(width) } else { Err("must not be negative".to_owned()) }
 }
 
 fn share(text: &str) -> Result<f64, String> {
-    let share: f64 = text.parse().map_err(|_not_a_number| "must be a number".to_owned())?;
+    let share = number(text)?;
     if (0.0..=1.0).contains(&share) { Ok(share) } else { Err("must lie between 0 and 1".to_owned()) }
 }
 

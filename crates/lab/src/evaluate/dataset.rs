@@ -23,6 +23,7 @@ use crate::LabError;
 use crate::parallel::{in_parallel, try_in_parallel};
 use crate::systems::System;
 use crate::tables::boxes_table;
+use crate::work::stopped;
 use crate::workplace::Workplace;
 use roadplane_metrics::truth::{Kind, read_dataset};
 
@@ -31,7 +32,7 @@ pub use items::DatasetOptions;
 pub use pictures::{camera_pictures, dataset_pictures};
 
 use evidence::SceneEvidence;
-use items::{FRAMES_OF_CLIP, Item, item, stopped};
+use items::{FRAMES_OF_CLIP, Item, item};
 use score::SystemScore;
 
 /// Evaluates all systems, the detector and runs from video on a data set with truth.

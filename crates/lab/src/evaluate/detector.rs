@@ -7,13 +7,15 @@ mod tables;
 use std::path::{Path, PathBuf};
 
 use image::RgbImage;
-use roadplane_base::{CarRecord, Frame, VehicleClass};
+use roadplane_base::CarRecord;
+use roadplane_detect::Detector;
 use roadplane_infer::ProviderChoice;
-use roadplane_pipeline::{Cancel, Config, PipelineError, Progress, open_detector, open_input};
+use roadplane_pipeline::{Cancel, Config, PipelineError, Progress, open_detector};
 use roadplane_tables::{Picture, Report};
 use roadplane_view::{DetectionCase, detection_sheet};
 
 use crate::LabError;
+use crate::work::{read_picture, stopped};
 use pictures::{LabelledPicture, PictureSet, read_set};
 use score::{Scored, score};
 
@@ -24,8 +26,8 @@ const LEAST_SCORE: f64 = 0.05;
 /// Options of the evaluation of the detector.
 #[derive(Clone, Debug)]
 pub struct DetectorOptions {
-    /// Execution providers, so number formats, that are compared.
-    pub providers: Vec<ProviderChoice>,
+    /// Number formats that are compared: name and execution provider.
+    pub formats: Vec<(&'static str, ProviderChoice)>,
     /// Vehicles with a narrower box are ignored, px.
     pub min_width_px: f64,
     /// Number of pictures with the most errors to draw per set; 0 draws none.
@@ -48,71 +50,55 @@ pub fn evaluate_detector(
     progress: &dyn Progress,
 ) -> Result<Report, LabError> {
     let sets = inputs.iter().map(|input| read_set(input)).collect::<Result<Vec<_>, _>>()?;
-    let runs = options.providers.len() * sets.iter().map(|set| set.pictures.len()).sum::<usize>();
+    let runs = options.formats.len() * sets.iter().map(|set| set.pictures.len()).sum::<usize>();
     progress.expect(u64::try_from(runs).ok());
+    let mut detectors = Vec::new();
+    for (format, provider) in &options.formats {
+        let mut config = config.clone();
+        config.infer.provider = *provider;
+        config.detect.min_score = LEAST_SCORE;
+        config.detect.min_width_px = config.detect.min_width_px.min(options.min_width_px);
+        detectors.push((*format, open_detector(models, &config)?));
+    }
     let mut report = Report { title: "Detector".to_owned(), ..Report::default() };
     for set in &sets {
         let mut rows = Vec::new();
-        for &provider in &options.providers {
-            let (found, classes) = run(set, provider, models, config, options, cancel, progress)?;
-            rows.push((name(provider), score(set, &found, &classes, options.min_width_px)));
+        for (format, detector) in &mut detectors {
+            let found = run(set, detector, config, cancel, progress)?;
+            rows.push((*format, score(set, &found, detector.classes(), options.min_width_px)));
         }
         report.tables.push(tables::curve_table(&set.name, &rows, config.detect.min_score));
         if let Some((_, first)) = rows.first() {
             report.tables.extend(tables::group_table(&set.name, set, first, config.detect.min_score));
-            if options.worst > 0 {
+            if let Some(sheet) = worst_sheet(set, first, config, options.worst)? {
                 let caption = format!("{}: pictures with the most errors", set.name);
-                if let Some(sheet) = worst_sheet(set, first, config, options.worst)? {
-                    report.pictures.push(Picture::new(caption, &sheet)?);
-                }
+                report.pictures.push(Picture::new(caption, &sheet)?);
             }
         }
     }
     Ok(report)
 }
 
-fn name(provider: ProviderChoice) -> &'static str {
-    match provider {
-        ProviderChoice::Auto => "auto",
-        ProviderChoice::Cpu => "f32",
-        ProviderChoice::Int8 => "int8",
-        ProviderChoice::Openvino => "bf16",
-    }
-}
-
-/// Returns the detections of each picture, with low scores too, and the classes of the net.
+/// Returns the detections of each picture, with low scores too.
 fn run(
     set: &PictureSet,
-    provider: ProviderChoice,
-    models: &Path,
+    detector: &mut Detector,
     config: &Config,
-    options: &DetectorOptions,
     cancel: &Cancel,
     progress: &dyn Progress,
-) -> Result<(Vec<Vec<CarRecord>>, Vec<VehicleClass>), LabError> {
-    let mut config = config.clone();
-    config.infer.provider = provider;
-    config.detect.min_score = LEAST_SCORE;
-    config.detect.min_width_px = config.detect.min_width_px.min(options.min_width_px);
-    let mut detector = open_detector(models, &config)?;
+) -> Result<Vec<Vec<CarRecord>>, LabError> {
     let mut all = Vec::with_capacity(set.pictures.len());
     for picture in &set.pictures {
-        if let Some(signal) = cancel.signal() {
-            return Err(PipelineError::Stopped { signal }.into());
-        }
-        let frame = read_picture(&picture.path, &config)?;
+        stopped(cancel)?;
+        let frame = read_picture(&picture.path, config)?;
         all.push(detector.detect(&frame).map_err(PipelineError::from)?);
         progress.frame_done();
     }
-    Ok((all, detector.classes().to_vec()))
+    Ok(all)
 }
 
-fn read_picture(path: &Path, config: &Config) -> Result<Frame, LabError> {
-    let frame = open_input(path, config)?.next_frame().map_err(PipelineError::from)?;
-    frame.ok_or_else(|| LabError::malformed(path, "has no picture"))
-}
-
-/// Draws the pictures with the most errors at the product's threshold; `None` if no picture has errors.
+/// Draws at most `count` pictures, those with the most errors at the product's threshold first. `None` if there is
+/// nothing to draw.
 fn worst_sheet(
     set: &PictureSet,
     scored: &Scored,

@@ -14,6 +14,7 @@ use crate::LabError;
 use crate::parallel::in_parallel;
 use crate::systems::{FrameInput, System};
 use crate::tables::{add_plot, add_table, viewpoint_plot, viewpoint_table};
+use crate::work::stopped;
 use roadplane_metrics::readers::kitti::{KittiCamera, KittiItem, KittiObject, object_items};
 use roadplane_metrics::scoring::{PoseScore, score_box};
 
@@ -105,10 +106,6 @@ pub fn evaluate_kitti(
     let tables = vec![add, viewpoint_table("Viewpoint: KITTI", &rows), focal_table(&focal)];
     let plots = vec![add_plot(&rows), viewpoint_plot(&rows)];
     Ok(Report { title: "KITTI objects".to_owned(), tables, plots, ..Report::default() })
-}
-
-fn stopped(cancel: &Cancel) -> Result<(), LabError> {
-    cancel.signal().map_or(Ok(()), |signal| Err(PipelineError::Stopped { signal }.into()))
 }
 
 fn counts(object: &KittiObject) -> bool {

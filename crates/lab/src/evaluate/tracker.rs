@@ -17,6 +17,7 @@ use crate::LabError;
 use crate::parallel::try_in_parallel;
 use crate::systems::solve_fused;
 use crate::tables::{calibration_table, motion_table, position_table, tracking_table};
+use crate::work::stopped;
 use crate::workplace::Workplace;
 use roadplane_metrics::scoring::{TrackScore, score_tracks};
 use roadplane_metrics::truth::{Kind, Truth, read_dataset, read_truth};
@@ -49,9 +50,7 @@ pub fn evaluate_tracker(
     let clips = read_clips(clips)?;
     progress.expect(Some(clips.len() as u64));
     let score = |(): &mut (), i: usize| -> Result<TrackScore, LabError> {
-        if let Some(signal) = cancel.signal() {
-            return Err(PipelineError::Stopped { signal }.into());
-        }
+        stopped(cancel)?;
         let truth = &clips[i].1;
         let seed = options.seed.wrapping_mul(1_000_003).wrapping_add(i as u64);
         let frames = options.noise.measure(truth, options.stride, seed);

@@ -18,6 +18,7 @@ use serde_json::Value;
 
 use crate::commands::run::discarded;
 use crate::identity::stem_of;
+use crate::not_followed::NotFollowed;
 use crate::options::{RunOptions, RunReport};
 use crate::stream::perception::{Job, Perceived, Perception, STAMP, Stamp, perceive};
 use crate::stream::span::{STEP_S, Span};
@@ -191,10 +192,8 @@ fn report(folder: PathBuf, decode: &DecodeReport) -> RunReport {
         folder,
         tracks: None,
         camera,
-        damaged: decode.is_damaged(),
+        status: NotFollowed::default().status(decode.is_damaged()),
         frames_lost: decode.missing,
-        // Known only once the pieces are joined.
-        partly_followed: false,
         frames_not_followed: 0,
     }
 }

@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Instant;
 
 use roadplane_activity::ActivityNet;
-use roadplane_write::{OutputFolder, RunStatus, read_summary};
+use roadplane_write::{OutputFolder, read_summary};
 
 use crate::estimation::ClipSolution;
 use crate::identity::stem_of;
@@ -75,9 +75,8 @@ pub(crate) fn finished_before(
         folder: finished.to_path_buf(),
         tracks: None,
         camera: "finished before".to_owned(),
-        damaged: summary.status == RunStatus::InputDamaged,
+        status: summary.status,
         frames_lost: summary.counts.frames_lost,
-        partly_followed: summary.status == RunStatus::PartlyFollowed,
         frames_not_followed: summary.counts.frames_not_followed,
     }))
 }
@@ -110,9 +109,8 @@ fn publish(
         folder: folder.publish()?,
         tracks: Some(solution.shapes.len() as u64),
         camera: solution.camera_in_words(),
-        damaged: decode.is_damaged(),
+        status: solution.not_followed.status(decode.is_damaged()),
         frames_lost: decode.missing,
-        partly_followed: solution.not_followed.is_much() && !decode.is_damaged(),
         frames_not_followed: solution.not_followed.frames,
     })
 }

@@ -68,9 +68,8 @@ pub fn track_file(
         folder: folder.publish()?,
         tracks,
         camera,
-        damaged: false,
+        status: summary.status,
         frames_lost: 0,
-        partly_followed: solution.not_followed.is_much(),
         frames_not_followed: solution.not_followed.frames,
     })
 }

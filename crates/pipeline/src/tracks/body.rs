@@ -27,7 +27,7 @@ pub fn body_of(class: VehicleClass) -> Body {
         VehicleClass::Car => ([4.5, 1.8, 1.55], [0.4, 0.1, 0.15]),
         VehicleClass::Truck => ([7.5, 2.4, 3.0], [2.5, 0.2, 0.6]),
         VehicleClass::Bus => ([11.0, 2.5, 3.1], [2.0, 0.1, 0.25]),
-        // With its riders.
+        // With its riders; estimates.
         VehicleClass::Motorcycle => ([2.05, 0.8, 1.6], [0.2, 0.12, 0.12]),
     };
     let sd = Matrix3::from_diagonal(&Vector3::from(sd));

@@ -12,13 +12,13 @@ use crate::{DetectorOptions, evaluate_detector};
 pub fn detector(args: &EvalDetectorArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let models = find_models(config.models.folder.as_deref())?;
-    let provider = |format: &NumberFormat| match format {
-        NumberFormat::F32 => ProviderChoice::Cpu,
-        NumberFormat::Int8 => ProviderChoice::Int8,
-        NumberFormat::Bf16 => ProviderChoice::Openvino,
+    let format = |format: &NumberFormat| match format {
+        NumberFormat::F32 => ("f32", ProviderChoice::Cpu),
+        NumberFormat::Int8 => ("int8", ProviderChoice::Int8),
+        NumberFormat::Bf16 => ("bf16", ProviderChoice::Openvino),
     };
     let options = DetectorOptions {
-        providers: args.format.iter().map(provider).collect(),
+        formats: args.format.iter().map(format).collect(),
         min_width_px: args.min_width_px.unwrap_or(config.detect.min_width_px),
         worst: if args.out.is_some() { args.worst as usize } else { 0 },
     };

@@ -14,6 +14,7 @@ use serde_json::Value;
 use super::rows::{Row, Seen, picture_motion};
 use super::scores::{Case, differences, each_label, table};
 use crate::LabError;
+use crate::work::stopped;
 
 /// Height of the pictures in which MEVA's boxes are given, px.
 const PICTURE_HEIGHT_PX: f64 = 1080.0;
@@ -38,9 +39,7 @@ pub fn evaluate(
     labels.sort();
     labels.dedup();
     for rows in instances.values() {
-        if let Some(signal) = cancel.signal() {
-            return Err(PipelineError::Stopped { signal }.into());
-        }
+        stopped(cancel)?;
         let (index, first) = rows[0];
         let label =
             label_of(first).ok_or_else(|| bad(path, index, "label is missing or none of roadplane's"))?;

@@ -8,11 +8,12 @@ use roadplane_pipeline::{
 };
 
 use super::evidence::SceneEvidence;
-use super::items::{DatasetOptions, Item, stopped};
+use super::items::{DatasetOptions, Item};
 use crate::LabError;
 use crate::finished_run::{FinishedRun, pictures};
 use crate::parallel::try_in_parallel;
 use crate::systems::{CameraAnswer, solve_fused};
+use crate::work::stopped;
 use crate::workplace::Workplace;
 use roadplane_metrics::average_precision::PictureBoxes;
 use roadplane_metrics::camera::CameraError;

@@ -2,8 +2,6 @@
 
 use std::path::{Path, PathBuf};
 
-use roadplane_pipeline::{Cancel, PipelineError};
-
 use crate::LabError;
 use roadplane_metrics::truth::{Truth, read_truth};
 
@@ -52,11 +50,6 @@ pub(super) fn item_name(truth: &Path) -> String {
     let name = truth.file_name().unwrap_or(truth.as_os_str()).to_string_lossy();
     let plain = name.strip_suffix(".gz").unwrap_or(&name);
     plain.strip_suffix(".truth.json").unwrap_or(plain).to_owned()
-}
-
-/// Returns an error if the user stopped the work.
-pub(super) fn stopped(cancel: &Cancel) -> Result<(), LabError> {
-    cancel.signal().map_or(Ok(()), |signal| Err(PipelineError::Stopped { signal }.into()))
 }
 
 #[cfg(test)]

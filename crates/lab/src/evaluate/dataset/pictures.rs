@@ -5,13 +5,14 @@ use std::path::Path;
 use roadplane_base::CarRecord;
 use roadplane_detect::Detector;
 use roadplane_keypoints::KeypointNet;
-use roadplane_pipeline::{Cancel, Config, PipelineError, open_detector, open_input, open_keypoints};
+use roadplane_pipeline::{Cancel, Config, PipelineError, open_detector, open_keypoints};
 
 use super::evidence;
-use super::items::{FRAMES_OF_CLIP, item, stopped};
+use super::items::{FRAMES_OF_CLIP, item};
 use crate::LabError;
 use crate::evaluate::solver::ReferencePicture;
 use crate::parallel::try_in_parallel;
+use crate::work::{read_picture, stopped};
 use roadplane_metrics::readers::cameras::{ReferenceCamera, read_cameras};
 use roadplane_metrics::truth::read_dataset;
 
@@ -73,9 +74,7 @@ pub fn camera_pictures(
     let found = |(detector, net): &mut (Detector, KeypointNet), i: usize| {
         stopped(cancel)?;
         let camera = &cameras[i];
-        let mut input = open_input(&camera.media, config)?;
-        let frame = input.next_frame().map_err(PipelineError::from)?;
-        let frame = frame.ok_or_else(|| LabError::malformed(&camera.media, "no picture"))?;
+        let frame = read_picture(&camera.media, config)?;
         let mut cars = detector.detect(&frame).map_err(PipelineError::from)?;
         net.locate(&frame, &mut cars).map_err(PipelineError::from)?;
         let least = config.solve.min_keypoint_score;

@@ -8,8 +8,9 @@ use roadplane_tables::{Cell, Column, Table};
 use roadplane_write::CameraSegment;
 
 use super::clips::run;
-use super::items::{DatasetOptions, stopped};
+use super::items::DatasetOptions;
 use crate::LabError;
+use crate::work::stopped;
 use crate::workplace::Workplace;
 use roadplane_metrics::camera::{CameraError, camera_error};
 

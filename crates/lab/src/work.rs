@@ -1,0 +1,22 @@
+//! Small steps that several evaluations share.
+
+use std::path::Path;
+
+use roadplane_base::Frame;
+use roadplane_pipeline::{Cancel, Config, PipelineError, open_input};
+
+use crate::LabError;
+
+/// Returns an error if the user stopped the work.
+pub(crate) fn stopped(cancel: &Cancel) -> Result<(), LabError> {
+    cancel.signal().map_or(Ok(()), |signal| Err(PipelineError::Stopped { signal }.into()))
+}
+
+/// Returns the first frame of an input.
+///
+/// # Errors
+/// [`LabError`] if the input cannot be read, or if it holds no picture.
+pub(crate) fn read_picture(path: &Path, config: &Config) -> Result<Frame, LabError> {
+    let frame = open_input(path, config)?.next_frame().map_err(PipelineError::from)?;
+    frame.ok_or_else(|| LabError::malformed(path, "holds no picture"))
+}
