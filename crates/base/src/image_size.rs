@@ -32,4 +32,10 @@ impl ImageSize {
     pub fn centre_px(self) -> Vector2<f64> {
         Vector2::new((f64::from(self.width) - 1.0) / 2.0, (f64::from(self.height) - 1.0) / 2.0)
     }
+
+    /// Returns the whole image as a box, px: left, top, right, bottom.
+    #[must_use]
+    pub fn picture_px(self) -> [f64; 4] {
+        [-0.5, -0.5, f64::from(self.width) - 0.5, f64::from(self.height) - 0.5]
+    }
 }

@@ -18,7 +18,7 @@
 //!   can be summed over frames ([`JointInformation`])
 //! - cars: [`ShapeAtlas`], [`GroundPose`], the 36 keypoints ([`KeypointSet`]), boxes (`bbox_…`), [`Activity`]
 //! - records that stages exchange and files store: `records/`, [`CameraEvidence`], [`SceneLine`]
-//! - small tools: [`assign`], [`median`], [`StudentT`], [`Similarity`]
+//! - small tools: [`assign`], [`median`], [`StudentT`], [`Similarity`], [`Homography`]
 //!
 //! # Example
 //! The example computes the pixel of the front left wheel of a mean car:
@@ -47,6 +47,7 @@ mod camera_prior;
 mod evidence;
 mod factor;
 mod frame;
+mod homography;
 mod image_size;
 mod keypoint;
 mod lens;
@@ -72,6 +73,7 @@ pub use camera_prior::{CameraPrior, is_determined};
 pub use evidence::{CameraEvidence, ClipIdentity, EVIDENCE_SCHEMA, ParkedCar};
 pub use factor::{Factor, FactorComponent, FactorTerms};
 pub use frame::{Frame, FrameStamp};
+pub use homography::Homography;
 pub use image_size::ImageSize;
 pub use keypoint::{
     KEYPOINTS, Keypoint, KeypointSet, MIN_KEYPOINTS, keypoint_names, mirror_index, skeleton_edges,
@@ -80,8 +82,8 @@ pub use lens::Lens;
 pub use plane::GroundPlane;
 pub use pose::{GroundPose, angle_difference, fold_axis, wrap_angle};
 pub use records::{
-    CameraEstimate, CameraMove, CameraStatus, CarRecord, CarRef, FrameRecord, LeftOut, MoveKind, OnMap,
-    PictureVerdict, PoseRecord, RecordError, TrackRow, VehicleClass, WatchRecord, WeakBox,
+    CameraEstimate, CameraMove, CameraStatus, CarRecord, CarRef, FrameRecord, MoveKind, OnMap,
+    PictureVerdict, PoseRecord, RecordError, Registration, TrackRow, VehicleClass, WatchRecord, WeakBox,
     rows_from_isometry,
 };
 pub use robust::{StudentT, median, upper_median, weighted_median};

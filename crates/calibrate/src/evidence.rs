@@ -83,7 +83,7 @@ pub struct EvidenceBuilder {
     first_of_segment: bool,
 }
 
-/// Converts the watcher's record, as [`AtRest`](crate::AtRest) passes it on, to a move state.
+/// Converts the watcher's record, as [`OneCamera`](crate::OneCamera) passes it on, to a move state.
 fn told(watch: &WatchRecord) -> MoveState {
     match watch.moved {
         Some(moved) => MoveState::Moved(match (moved.kind, moved.log_scale) {

@@ -5,7 +5,8 @@
 //!
 //! # Data flow
 //! ```text
-//! FrameRecord → AtRest                            removes shake, dates each camera move to its first frame
+//! FrameRecord → PlacesBuilder → Places             where the reference pictures of a moving camera lie
+//!             → OneCamera                         converts boxes and keypoints to those of one camera
 //!             → EvidenceBuilder ── Linker          assigns boxes to cars
 //!                               ├─ MoveDetector    finds camera moves where the watcher gives no verdict
 //!                               └─ ViewSelector    takes one view of a parked car, several of a moving one
@@ -20,7 +21,6 @@
 //! # Calibrated uncertainties A parked car that appears in 100 frames is one car. The white noise of its keypoints
 //! averages out, but their bias does not ([`combine`]). A car that appears in ten windows counts once ([`fuse`]).
 
-mod at_rest;
 mod combine;
 mod evidence;
 mod fuse;
@@ -28,7 +28,9 @@ mod lens;
 mod linker;
 mod moves;
 mod nodes;
+mod one_camera;
 mod parallel;
+mod places;
 mod prior;
 mod remember;
 mod select;
@@ -36,14 +38,15 @@ mod stretch;
 mod verticals;
 mod witness;
 
-pub use at_rest::AtRest;
 pub use combine::{Combined, combine};
 pub use evidence::{EvidenceBuilder, EvidenceOptions, Window};
 pub use fuse::{CarUse, FuseOptions, Joined, WindowEstimate, condense, fuse, join};
 pub use lens::{LensFound, LensView, LogFocal};
 pub use linker::{LinkId, Linker, LinkerOptions};
 pub use moves::{MoveDetector, MoveOptions, MoveState, SegmentStart};
+pub use one_camera::OneCamera;
 pub use parallel::{CarHeading, Parallel, parallel};
+pub use places::{Places, PlacesBuilder};
 pub use prior::FusePrior;
 pub use remember::{Epoch, SameView, epochs, joins, same_vehicle};
 pub use select::{SelectOptions, View, ViewSelector};

@@ -18,6 +18,8 @@ pub struct View {
     pub keypoints: Box<KeypointSet>,
     /// Box of the car in one frame of the view, px.
     pub bbox_px: [f64; 4],
+    /// The picture of that frame as a box, px.
+    pub picture_px: [f64; 4],
     /// Weight of the view's evidence, 0–1. It is below 1 where the car gives several views, which share a part of their
     /// bias.
     pub weight: f64,
@@ -64,6 +66,8 @@ impl Default for SelectOptions {
 const FULL_SIDE_PX: f64 = 150.0;
 /// Least number of frames of a certain car. Views of other cars come last, and only until there are enough views.
 const SURELY_A_CAR: usize = 10;
+/// Distance of a box from the picture's border up to which it may be cut off, px.
+const NEAR_PX: f64 = 2.5;
 /// Number of cells per axis of the grid over which views are spread.
 const GRID: f64 = 4.0;
 
@@ -142,6 +146,7 @@ impl ViewSelector {
                 link,
                 keypoints: view.look.keypoints,
                 bbox_px: view.look.bbox_px,
+                picture_px: view.look.picture_px,
                 weight: weight(link),
                 parked: view.parked,
                 frames: view.frames,
@@ -161,12 +166,17 @@ impl ViewSelector {
             return None;
         }
         let [x0, y0, x1, y1] = car.bbox_px;
-        let size = frame.image_size_px;
-        let cut =
-            x0 < 2.0 || y0 < 2.0 || x1 > f64::from(size.width) - 3.0 || y1 > f64::from(size.height) - 3.0;
+        let [left, top, right, bottom] = frame.picture_px();
+        let cut = x0 < left + NEAR_PX || y0 < top + NEAR_PX || x1 > right - NEAR_PX || y1 > bottom - NEAR_PX;
         let whole = if cut { 0.4 } else { 1.0 };
         let quality = car.score * seen * (side / FULL_SIDE_PX).min(1.0) * whole;
-        Some(Look { frame: frame.frame, bbox_px: car.bbox_px, quality, keypoints: keypoints.clone() })
+        Some(Look {
+            frame: frame.frame,
+            bbox_px: car.bbox_px,
+            picture_px: frame.picture_px(),
+            quality,
+            keypoints: keypoints.clone(),
+        })
     }
 
     /// Completes a view and adds it to the candidates.

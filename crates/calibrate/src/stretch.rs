@@ -11,6 +11,8 @@ pub(crate) struct Look {
     pub frame: u64,
     /// Box of the car: left, top, right, bottom, px.
     pub bbox_px: [f64; 4],
+    /// The picture of the frame as a box, px.
+    pub picture_px: [f64; 4],
     /// Quality of the observation (dimensionless, larger is better): score, keypoints, size and completeness.
     pub quality: f64,
     /// Keypoints of the car, px.

@@ -6,7 +6,9 @@
 //! positions in the input.
 
 use nalgebra::Vector2;
-use roadplane_base::{CarRecord, FrameStamp, WeakBox, bbox_around, bbox_centre, bbox_covered, bbox_moved};
+use roadplane_base::{
+    CarRecord, FrameStamp, PictureVerdict, WeakBox, bbox_around, bbox_centre, bbox_covered, bbox_moved,
+};
 use roadplane_watch::{Cells, ChangeMap, Observation};
 
 use crate::frame_detections::{FrameDetections, weak_beside};
@@ -114,7 +116,8 @@ impl RoiScheduler {
                 busy,
             });
         }
-        if observation.is_new_position {
+        // In a picture that is displaced, every cell changes. So the net runs on the whole picture.
+        if observation.is_new_position || is_moving(observation.record.verdict) {
             self.tracked.clear();
             self.frames = 0;
         }
@@ -245,6 +248,11 @@ impl RoiScheduler {
         }
         areas
     }
+}
+
+/// Whether earlier boxes may be displaced in the picture.
+fn is_moving(verdict: PictureVerdict) -> bool {
+    matches!(verdict, PictureVerdict::Moving | PictureVerdict::Unsettled)
 }
 
 /// Returns the part of the full scan that is due in this inference frame, or `None` if no part is due. The parts are

@@ -2,9 +2,10 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
+use std::sync::Arc;
 
 use roadplane_base::{CameraEstimate, CameraStatus, CarRef, PoseRecord, Shape, ShapeAtlas, TrackRow};
-use roadplane_calibrate::AtRest;
+use roadplane_calibrate::{OneCamera, Places, PlacesBuilder};
 use roadplane_geo::{Place, Site};
 use roadplane_track::Track;
 use roadplane_write::{FrameReader, PoseLines, read_jsonl, read_scene_curves};
@@ -117,6 +118,18 @@ pub fn solve_clip(
     Ok(ClipSolution { rows, ..solution })
 }
 
+/// Returns where the reference pictures of a clip lie, from its file of frames.
+///
+/// # Errors
+/// Returns a [`PipelineError`] if the file cannot be read.
+pub(crate) fn places_of(frames: &Path) -> Result<Arc<Places>, PipelineError> {
+    let mut builder = PlacesBuilder::default();
+    for frame in FrameReader::open(frames)? {
+        builder.push(&frame?);
+    }
+    Ok(Arc::new(builder.finish()))
+}
+
 /// Inputs of estimation other than the frames.
 pub(crate) struct Given<'a> {
     /// User constraints on the camera.
@@ -147,11 +160,13 @@ pub(crate) fn solve_constrained_clip(
     config: &Config,
     cancel: &Cancel,
 ) -> Result<ClipSolution, PipelineError> {
+    let places = places_of(frames)?;
     let read = || -> Result<_, PipelineError> {
-        Ok(AtRest::new(FrameReader::open(frames)?.map(|record| {
+        let records = FrameReader::open(frames)?.map(|record| {
             cancel.signal().map_or(Ok(()), |signal| Err(PipelineError::Stopped { signal }))?;
             Ok(record?)
-        })))
+        });
+        Ok(OneCamera::new(records, Arc::clone(&places)))
     };
     let Given { constraints, history, site, most_rows } = *given;
     let (mut load, mut follow) = (Load::default(), FollowCount::default());
@@ -206,20 +221,20 @@ pub(crate) fn solve_constrained_clip(
         drop(found);
         let mut spooled = PoseLines::create(&spool)?;
         let seen = second.seen_by(chunk);
-        let (mut tracks, shake_px) =
+        let (mut tracks, views) =
             pass.tracks(seen, chunk, Some(&vehicles), &mut tally, |pose| Ok(spooled.write(pose)?))?;
         spooled.finish()?;
         for track in &mut tracks {
             track.shape.mean = atlas.clamped(&track.shape.mean);
         }
         drop(vehicles);
-        tracks.retain(|track| pass.is_where_it_is_seen(track));
+        tracks.retain(|track| pass.is_where_it_is_seen(track, &views));
         let tracks = numbers.give(tracks, chunk);
         poses.add(&spool, &tracks)?;
         shapes.extend(tracks.iter().map(|track| (track.id, track.shape.mean)));
         let mut rows = Vec::with_capacity(tracks.iter().map(|track| track.states.len()).sum());
         for track in tracks {
-            rows.extend(pass.rows(&track, &shake_px));
+            rows.extend(pass.rows(&track, &views));
         }
         rows.sort_unstable_by_key(|row: &TrackRow| (row.frame, row.track));
         row_count += sink.take(rows, chunk, place.as_ref())?;

@@ -1,18 +1,16 @@
-//! Counts the frames in which vehicles were not followed, because the camera moved.
+//! Counts the frames in which vehicles were not followed, because the motion of the camera was not measured.
 
-use roadplane_base::{FrameRecord, LeftOut};
+use roadplane_base::FrameRecord;
 use roadplane_write::{RunStatus, Summary};
 
 /// Share of the frames above which a run counts as partly followed, 0–1.
 const MUCH: f64 = 0.05;
 
-/// Frames and time in which vehicles were not followed, because the camera moved.
+/// Frames and time in which vehicles were not followed, because the motion of the camera was not measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct NotFollowed {
     /// Number of frames.
     pub frames: u64,
-    /// Number of frames among them at the end of the clip in which the camera may have moved.
-    pub undecided: u64,
     /// Time, s. A frame lasts until the next frame.
     pub seconds: f64,
     /// Number of all frames of the clip.
@@ -26,9 +24,10 @@ impl NotFollowed {
         self.frames as f64 / self.all_frames.max(1) as f64
     }
 
-    /// Returns the status of a run. It is partly followed if the camera moved in many frames of an undamaged input.
+    /// Returns the status of a run. It is partly followed if the motion was not measured in many frames of an
+    /// undamaged input.
     pub(crate) fn status(&self, is_damaged: bool) -> RunStatus {
-        let is_much = (self.frames - self.undecided) as f64 > MUCH * self.all_frames as f64;
+        let is_much = self.frames as f64 > MUCH * self.all_frames as f64;
         match (is_damaged, is_much) {
             (true, _) => RunStatus::InputDamaged,
             (false, true) => RunStatus::PartlyFollowed,
@@ -38,15 +37,13 @@ impl NotFollowed {
 
     /// Returns the warning for the user; `None` if vehicles were followed in all frames.
     pub(crate) fn in_words(&self) -> Option<String> {
-        let Self { frames, undecided, seconds, .. } = self;
-        let cause = match (frames - undecided, undecided) {
-            (0, 0) => return None,
-            (0, _) => "the camera may have moved at the end of the clip",
-            _ => "the camera moved",
-        };
+        let Self { frames, seconds, .. } = self;
+        if *frames == 0 {
+            return None;
+        }
         let percent = 100.0 * self.share();
         Some(format!(
-            "{cause}: vehicles were not followed in {frames} frames ({seconds:.1} s, {percent:.1} % of all)"
+            "the camera moved: vehicles were not followed in {frames} frames ({seconds:.1} s, {percent:.1} % of all)"
         ))
     }
 
@@ -69,16 +66,15 @@ pub(crate) struct FollowCount {
 }
 
 impl FollowCount {
-    /// Adds the next frame, as `calibrate::AtRest` returns it.
+    /// Adds the next frame, as `calibrate::OneCamera` returns it.
     pub(crate) fn add(&mut self, frame: &FrameRecord) {
         if let Some((time_s, true)) = self.last {
             self.sum.seconds += frame.time_s - time_s;
         }
-        let left_out = frame.watch.as_ref().map_or(LeftOut::No, |watch| watch.left_out);
+        let left_out = frame.watch.as_ref().is_some_and(|watch| watch.left_out);
         self.sum.all_frames += 1;
-        self.sum.frames += u64::from(left_out != LeftOut::No);
-        self.sum.undecided += u64::from(left_out == LeftOut::MayHaveMoved);
-        self.last = Some((frame.time_s, left_out != LeftOut::No));
+        self.sum.frames += u64::from(left_out);
+        self.last = Some((frame.time_s, left_out));
     }
 
     /// Returns the sums so far.
@@ -93,11 +89,11 @@ mod tests {
 
     use super::*;
 
-    fn counted(frames: u64, why: impl Fn(u64) -> LeftOut) -> NotFollowed {
+    fn counted(frames: u64, is_left_out: impl Fn(u64) -> bool) -> NotFollowed {
         let mut count = FollowCount::default();
         for index in 0..frames {
             let size = ImageSize { width: 640, height: 360 };
-            let watch = Some(WatchRecord { left_out: why(index), ..WatchRecord::default() });
+            let watch = Some(WatchRecord { left_out: is_left_out(index), ..WatchRecord::default() });
             count.add(&FrameRecord { watch, ..FrameRecord::empty(index, index as f64 * 0.1, size) });
         }
         count.sum()
@@ -105,7 +101,7 @@ mod tests {
 
     #[test]
     fn frames_and_seconds_are_counted() {
-        let sum = counted(100, |index| if index < 90 { LeftOut::No } else { LeftOut::Moved });
+        let sum = counted(100, |index| index >= 90);
         assert_eq!(sum.frames, 10);
         assert!((sum.seconds - 0.9).abs() < 1e-9 && (sum.share() - 0.1).abs() < 1e-9);
         assert_eq!(
@@ -117,15 +113,8 @@ mod tests {
             words.contains("moved: vehicles were not followed in 10 frames (0.9 s, 10.0 % of all)"),
             "{words}"
         );
-        let few = counted(100, |index| if index == 50 { LeftOut::Moved } else { LeftOut::No });
+        let few = counted(100, |index| index == 50);
         assert!(few.status(false) == RunStatus::Complete && few.in_words().is_some());
-        assert_eq!(counted(100, |_| LeftOut::No).in_words(), None);
-    }
-
-    #[test]
-    fn an_undecided_end_is_reported_but_no_fault() {
-        let sum = counted(100, |index| if index < 80 { LeftOut::No } else { LeftOut::MayHaveMoved });
-        assert_eq!(sum.status(false), RunStatus::Complete);
-        assert!(sum.in_words().unwrap().starts_with("the camera may have moved at the end of the clip: "));
+        assert_eq!(counted(100, |_| false).in_words(), None);
     }
 }

@@ -12,6 +12,7 @@ mod rows;
 mod scene;
 pub(crate) mod shared_error;
 pub(crate) mod stretch;
+pub(crate) mod views;
 
 pub use believe::usable;
 pub(crate) use stretch::{Load, MOST_ROWS, Numbers, Replay, TimeChunk, detections_of};

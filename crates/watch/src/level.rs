@@ -8,6 +8,7 @@
 //! therefore costs only four products per pixel (Lucas & Kanade 1981, with gain and offset).
 
 use nalgebra::{Matrix4, Vector2, Vector4};
+use roadplane_base::Homography;
 
 use crate::SmallGrey;
 
@@ -80,6 +81,31 @@ impl Smoothed {
     /// Returns the smoothed grey values, row by row. Blocks are compared with these values.
     pub(crate) fn smooth(&self) -> &[f32] {
         &self.smooth
+    }
+
+    /// Returns the picture as it would lie on `level`, by bilinear interpolation. Where the level is not in view, the
+    /// result has its values. `mapping` maps the level to this picture, px from the middle.
+    pub(crate) fn laid_on(&self, level: &Level, mapping: &Homography) -> Self {
+        let middle = Vector2::new(self.width as f64, self.height as f64) / 2.0;
+        let value = |x: usize, y: usize| {
+            let point = Vector2::new(x as f64 + 0.5, y as f64 + 0.5) - middle;
+            let from = (mapping.apply(&point) + middle).add_scalar(-0.5);
+            let inside = |at: f64, length: usize| at >= 0.0 && at + 1.0 < length as f64;
+            if !inside(from.x, self.width) || !inside(from.y, self.height) {
+                return level.median[y * self.width + x];
+            }
+            let (column, row) = (from.x as usize, from.y as usize);
+            let (u, v) = (from.x.fract() as f32, from.y.fract() as f32);
+            let mix = |row: usize| {
+                let at = row * self.width + column;
+                self.values[at] * (1.0 - u) + self.values[at + 1] * u
+            };
+            mix(row) * (1.0 - v) + mix(row + 1) * v
+        };
+        let places = (0..self.height).flat_map(|y| (0..self.width).map(move |x| (x, y)));
+        let values: Vec<f32> = places.map(|(x, y)| value(x, y)).collect();
+        let smooth = smoothed(&values, self.width, self.height);
+        Self { width: self.width, height: self.height, values, smooth }
     }
 }
 

@@ -7,6 +7,7 @@
 //!          → Level          the background at one size; each block measures its shift      (level.rs)
 //!          → Reference      the background at two sizes, for larger shifts                 (reference.rs)
 //!          → Alignment      shift, scale and rotation that fit the shifts of most blocks   (alignment.rs)
+//!          → Panorama       position of the picture on pictures of the place             (registration.rs, panorama.rs)
 //!          → Watcher        the verdict: at rest, moving, black, covered, …                (watcher.rs, blind.rs)
 //!          → ChangeMap      cells that changed since the detector last inspected them      (changes.rs)
 //!          → Background     the scene without moving objects, at full size                 (background.rs)
@@ -27,7 +28,9 @@ mod curves;
 mod edges;
 mod level;
 mod lines;
+mod panorama;
 mod reference;
+mod registration;
 mod search;
 mod small;
 mod watcher;

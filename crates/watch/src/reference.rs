@@ -21,13 +21,23 @@ impl Prepared {
     pub(crate) fn smooth(&self) -> &[f32] {
         self.fine.smooth()
     }
+
+    /// Returns the picture at the finer size.
+    pub(crate) fn fine(&self) -> &Smoothed {
+        &self.fine
+    }
+
+    /// Returns the picture at half that size.
+    pub(crate) fn coarse(&self) -> &Smoothed {
+        &self.coarse
+    }
 }
 
 /// The shifts that the blocks of a [`Reference`] measured in one picture.
 #[derive(Debug)]
 pub(crate) struct BlockShifts {
     pub fine: Vec<BlockShift>,
-    coarse: Vec<BlockShift>,
+    pub coarse: Vec<BlockShift>,
 }
 
 /// The background of a camera at rest, at two sizes.
@@ -48,6 +58,11 @@ impl Reference {
         &self.fine
     }
 
+    /// Returns the background at half that size.
+    pub(crate) fn coarse(&self) -> &Level {
+        &self.coarse
+    }
+
     /// Measures the shift of each block of the background in a picture.
     pub(crate) fn measured(&self, picture: &Prepared) -> BlockShifts {
         let coarse = self.coarse.measured(picture.coarse.smooth(), [0, 0]);
@@ -56,6 +71,13 @@ impl Reference {
             [shift.x, shift.y].map(|v| v.round() as i64)
         });
         BlockShifts { fine: self.fine.measured(picture.fine.smooth(), base), coarse }
+    }
+
+    /// Adapts the background slightly to a picture that was laid on it, at both sizes. `shifts` was measured in this
+    /// picture.
+    pub(crate) fn follow_laid(&mut self, [fine, coarse]: [&Smoothed; 2], shifts: &BlockShifts, time_s: f64) {
+        self.fine.follow(fine, &shifts.fine, time_s);
+        self.coarse.follow(coarse, &shifts.coarse, time_s);
     }
 
     /// Adapts the background slightly to a picture of the camera at rest. `shifts` is the result of [`Self::measured`]

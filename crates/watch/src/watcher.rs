@@ -11,11 +11,12 @@
 use std::collections::VecDeque;
 
 use nalgebra::Vector2;
-use roadplane_base::{CameraMove, FrameStamp, MoveKind, PictureVerdict, WatchRecord, median};
+use roadplane_base::{CameraMove, FrameStamp, MoveKind, PictureVerdict, Registration, WatchRecord, median};
 
 use crate::alignment::Alignment;
 use crate::blind::Blindness;
 use crate::level::{BlockShift, Level};
+use crate::panorama::Panorama;
 use crate::reference::{Prepared, Reference};
 use crate::search::{refined, search};
 use crate::{SmallGrey, WatchError};
@@ -121,6 +122,10 @@ pub struct Watcher {
     /// The prepared position that will replace the current one, and the number of the minute from which this is
     /// allowed.
     next: Option<(u64, Position)>,
+    panorama: Panorama,
+    /// The panorama of the next minute, and its number. In the last [`RENEW_S`] seconds of a minute, pictures are
+    /// registered on both. This links them.
+    next_panorama: Option<(u64, Panorama)>,
     last: WatchRecord,
 }
 
@@ -158,6 +163,7 @@ impl Watcher {
             self.renew(stamp.time_s());
             let before = self.position.reference.is_some();
             let picture = Prepared::of(&small);
+            record.motion = self.registered(stamp, &small, &picture);
             self.position.settle(stamp, &small, &picture, &mut record);
             if let Some((_, next)) = &mut self.next {
                 next.settle(stamp, &small, &picture, &mut WatchRecord::default());
@@ -176,6 +182,20 @@ impl Watcher {
         }
         self.last = record.clone();
         Ok(Observation { record, small, shift, is_new_position })
+    }
+
+    /// Registers a picture on the panoramas of this minute and of the next.
+    fn registered(&mut self, stamp: FrameStamp, small: &SmallGrey, picture: &Prepared) -> Vec<Registration> {
+        let minute = (stamp.time_s() / MINUTE_S).max(0.0) as u64;
+        if let Some((_, next)) = self.next_panorama.take_if(|(from, _)| minute >= *from) {
+            self.panorama = next;
+        }
+        let mut out = self.panorama.register(stamp, small, picture);
+        if stamp.time_s() - minute as f64 * MINUTE_S >= MINUTE_S - RENEW_S {
+            let (_, next) = self.next_panorama.get_or_insert((minute + 1, Panorama::default()));
+            out.extend(next.register(stamp, small, picture));
+        }
+        out
     }
 
     /// Starts a new background before the current one is too old. The new one replaces the current one when neither of

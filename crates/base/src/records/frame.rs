@@ -61,6 +61,15 @@ impl FrameRecord {
         }
     }
 
+    /// Returns the picture as a box in the pixels of the frame's vehicles. For a frame that was converted to the first
+    /// picture of its camera, it is the part of the plane of that picture in view.
+    #[must_use]
+    pub fn picture_px(&self) -> [f64; 4] {
+        let whole = self.image_size_px.picture_px();
+        let motion = self.watch.as_ref().and_then(|watch| watch.picture_from_world);
+        motion.map_or(whole, |picture_from_world| picture_from_world.inverse().apply_to_box(&whole))
+    }
+
     /// Reads one line and checks its numbers.
     ///
     /// All numbers must be finite, every box must have an area, and every sd must be above zero.

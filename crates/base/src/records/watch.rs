@@ -4,6 +4,8 @@ use nalgebra::Vector2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::Homography;
+
 /// State of the camera that one picture shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
@@ -47,6 +49,10 @@ pub struct WatchRecord {
     /// be at `p − offset_px`. Absent if zero.
     #[serde(default, skip_serializing_if = "is_zero")]
     pub offset_px: [f64; 2],
+    /// Motion of the camera: how the picture lies on the pictures of earlier frames, its references. The first entry is
+    /// the most accurate. Further entries link references with each other. Absent if the picture lies on no reference.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub motion: Vec<Registration>,
     /// Camera move that was detected in this frame. It may have happened earlier.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub moved: Option<CameraMove>,
@@ -58,22 +64,37 @@ pub struct WatchRecord {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0, max = 1))]
     pub seen: Option<f64>,
-    /// Whether the frame's vehicles were left out of the estimation, and why. It is not stored in files: `AtRest` of the
-    /// crate `calibrate` sets it.
+    /// Whether the frame's vehicles were left out of the estimation, because the picture lies on no reference. It is not
+    /// stored in files: `OneCamera` of the crate `calibrate` sets it.
     #[serde(skip)]
-    pub left_out: LeftOut,
+    pub left_out: bool,
+    /// Mapping from pixels of the camera's first picture to pixels of this picture. Boxes and keypoints of a frame refer
+    /// to the first picture where this is set. It is not stored in files: `OneCamera` of the crate `calibrate` sets it.
+    #[serde(skip)]
+    pub picture_from_world: Option<Homography>,
 }
 
-/// The reason why the vehicles of a frame were left out of the estimation.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum LeftOut {
-    /// They were not left out because of the camera's motion.
-    #[default]
-    No,
-    /// The camera moved.
-    Moved,
-    /// The camera may have moved. The clip ended before this could be decided.
-    MayHaveMoved,
+/// How a picture lies on the picture of an earlier frame. A camera that turns and zooms about its centre gives a
+/// homography, whatever the distances in the scene.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Registration {
+    /// Index of the frame whose picture is the reference.
+    pub reference: u64,
+    /// Homography from pixels of the reference to pixels of this picture: the first eight numbers of its matrix, row by
+    /// row. The ninth is 1. Absent if the picture is not displaced.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub homography: Option<[f64; 8]>,
+    /// Sd of a pixel that is mapped by the homography, px: root mean square over the picture.
+    #[schemars(range(min = 0))]
+    pub sd_px: f64,
+}
+
+impl Registration {
+    /// Returns the mapping from pixels of the reference to pixels of the picture.
+    #[must_use]
+    pub fn picture_from_reference(&self) -> Homography {
+        self.homography.and_then(Homography::from_numbers).unwrap_or(Homography::IDENTITY)
+    }
 }
 
 fn is_zero(offset_px: &[f64; 2]) -> bool {

@@ -103,7 +103,7 @@ fn solve_window(
         .map(|(view, car)| {
             car.as_ref().is_some_and(|car| {
                 let projected = projected_box(atlas, &camera, &car.camera_from_car, &car.shape);
-                is_believable(projected, &view.bbox_px, car.reprojection_rms_px, size, config)
+                is_believable(projected, &view.bbox_px, car.reprojection_rms_px, &view.picture_px, config)
             })
         })
         .collect();

@@ -4,15 +4,17 @@
 use std::fs::File;
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
+use std::sync::Arc;
 
 use roadplane_base::{CameraEstimate, CameraStatus, CarRecord, FrameRecord, ShapeAtlas};
-use roadplane_calibrate::AtRest;
+use roadplane_calibrate::OneCamera;
 use roadplane_solve::{FreeCarFit, SceneOptions, ShapePrior, fit_free_car};
 use roadplane_write::{FrameReader, PoseLines, read_scene_curves, write_camera};
 
 use crate::cameras::estimate::{estimate_cameras, prior_camera};
 use crate::cameras::frame::{estimate_frame, estimate_frame_as_paper};
 use crate::cameras::known::contradiction;
+use crate::estimation::places_of;
 use crate::tracks::cars::{CarriedPoses, FrameCamera, any_car, fit_frame, free_pose_record, pose_record};
 use crate::tracks::usable;
 use crate::{CameraConstraints, Cancel, Config, PipelineError, Progress};
@@ -59,13 +61,15 @@ pub fn solve_file(
 ) -> Result<(), PipelineError> {
     let atlas = ShapeAtlas::shipped()?;
     let count = lines(frames)?;
+    let places = places_of(frames)?;
     let read = |phase: &str| -> Result<_, PipelineError> {
         progress.phase(phase);
         progress.expect(Some(count));
-        Ok(AtRest::new(FrameReader::open(frames)?.map(|record| {
+        let records = FrameReader::open(frames)?.map(|record| {
             progress.frame_done();
             record.map_err(PipelineError::from)
-        })))
+        });
+        Ok(OneCamera::new(records, Arc::clone(&places)))
     };
     let constraints = &options.constraints;
     let scene = config.solve.scene_options(None);

@@ -3,7 +3,7 @@
 //! Nets find keypoints in any object, and the solver fits a car to them.
 
 use nalgebra::{Isometry3, Point3};
-use roadplane_base::{Camera, ImageSize, KEYPOINTS, KeypointSet, Shape, ShapeAtlas, VehicleClass, bbox_iou};
+use roadplane_base::{Camera, KEYPOINTS, KeypointSet, Shape, ShapeAtlas, VehicleClass, bbox_iou};
 use roadplane_track::{Looks, SURE_SCORE, Track, TrackState};
 
 use crate::Config;
@@ -34,18 +34,18 @@ pub fn projected_box(
 /// Returns whether a fit is valid.
 ///
 /// A fit is valid if its keypoints are near their projections, and its projected box agrees with the detected one. Only
-/// the part of the box inside the picture counts.
+/// the part of the box inside the picture, `picture_px`, counts.
 #[must_use]
 pub fn is_believable(
     projected_px: Option<[f64; 4]>,
     bbox_px: &[f64; 4],
     reprojection_rms_px: f64,
-    size: ImageSize,
+    picture_px: &[f64; 4],
     config: &Config,
 ) -> bool {
     let Some(projected_px) = projected_px else { return false };
     let side_px = (bbox_px[2] - bbox_px[0]).max(bbox_px[3] - bbox_px[1]);
-    overlap_inside(&projected_px, bbox_px, size) >= config.solve.min_box_overlap
+    overlap_inside(&projected_px, bbox_px, picture_px) >= config.solve.min_box_overlap
         && reprojection_rms_px <= config.solve.max_rms_share * side_px
 }
 
@@ -53,15 +53,12 @@ pub fn is_believable(
 ///
 /// Only the part of the projected box inside the picture counts.
 #[must_use]
-pub fn overlap_inside([x0, y0, x1, y1]: &[f64; 4], bbox_px: &[f64; 4], size: ImageSize) -> f64 {
-    let [left, top, right, bottom] = picture_px(size);
-    bbox_iou(&[x0.max(left), y0.max(top), x1.min(right), y1.min(bottom)], bbox_px)
-}
-
-/// Returns the picture as a box, px.
-#[must_use]
-pub fn picture_px(size: ImageSize) -> [f64; 4] {
-    [-0.5, -0.5, f64::from(size.width) - 0.5, f64::from(size.height) - 0.5]
+pub fn overlap_inside(
+    [x0, y0, x1, y1]: &[f64; 4],
+    bbox_px: &[f64; 4],
+    [left, top, right, bottom]: &[f64; 4],
+) -> f64 {
+    bbox_iou(&[x0.max(*left), y0.max(*top), x1.min(*right), y1.min(*bottom)], bbox_px)
 }
 
 /// Least displacement of a moving vehicle while it is observed, m.
@@ -187,7 +184,7 @@ fn drives(seen: &[&TrackState]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use roadplane_base::{FrameStamp, GroundPose};
+    use roadplane_base::{FrameStamp, GroundPose, ImageSize};
     use roadplane_track::ShapeBelief;
 
     /// Size of the test pictures, px.
@@ -311,7 +308,9 @@ mod tests {
     #[test]
     fn a_fit_must_fill_its_box_as_far_as_it_is_in_the_picture() {
         let config = Config::default();
-        let believable = |projected, bbox: [f64; 4], rms| is_believable(projected, &bbox, rms, SIZE, &config);
+        let believable = |projected, bbox: [f64; 4], rms| {
+            is_believable(projected, &bbox, rms, &SIZE.picture_px(), &config)
+        };
         let whole = [100.0, 100.0, 200.0, 160.0];
         assert!(believable(Some(whole), whole, 2.0));
         assert!(!believable(Some(whole), whole, 20.0));

@@ -9,7 +9,7 @@
 use std::f64::consts::PI;
 
 use nalgebra::{Matrix2, Matrix3, Point3, SMatrix, SVector, Vector2, Vector3};
-use roadplane_base::{GroundPose, ImageSize, VehicleClass, fold_axis};
+use roadplane_base::{GroundPose, VehicleClass, fold_axis};
 
 use crate::tracks::body::{Body, body_of};
 use crate::tracks::cars::FrameCamera;
@@ -27,7 +27,7 @@ const BOTTOM_FACTOR: f64 = 2.0;
 /// Factor on the sd of an edge that lies where another vehicle begins.
 const HIDDEN_FACTOR: f64 = 10.0;
 /// An edge nearer than this to the picture's border is cut off by the picture, px.
-const CUT_PX: f64 = 2.0;
+const CUT_PX: f64 = 2.5;
 /// Height of the bumpers' lower edge above the ground, m.
 const CLEARANCE_M: f64 = 0.3;
 /// Least length, width and height of a body, m.
@@ -90,16 +90,15 @@ pub struct GroundContact {
     pub dims_sd_m: Vector3<f64>,
 }
 
-/// Returns whether a box reaches the picture's border: left, top, right, bottom.
+/// Returns whether a box reaches the border of the picture `[left, top, right, bottom]`, edge by edge.
 #[must_use]
-pub fn cut_edges([x0, y0, x1, y1]: &[f64; 4], size: ImageSize) -> [bool; 4] {
-    let (right, bottom) = (f64::from(size.width) - 1.0, f64::from(size.height) - 1.0);
-    [*x0 < CUT_PX, *y0 < CUT_PX, *x1 > right - CUT_PX, *y1 > bottom - CUT_PX]
+pub fn cut_edges([x0, y0, x1, y1]: &[f64; 4], [left, top, right, bottom]: &[f64; 4]) -> [bool; 4] {
+    [*x0 < left + CUT_PX, *y0 < top + CUT_PX, *x1 > right - CUT_PX, *y1 > bottom - CUT_PX]
 }
 
 /// Estimates a vehicle's pose and size from its box.
 ///
-/// `hidden` marks the edges at which another vehicle hides this one: left, top, right, bottom. They hardly show where
+/// `picture_px` is the picture as a box. `hidden` marks the edges at which another vehicle hides this one: left, top, right, bottom. They hardly show where
 /// this vehicle ends.
 ///
 /// `None` where the box's lower edge lies above the horizon. `None` also where that edge is cut off and only a label is
@@ -107,12 +106,12 @@ pub fn cut_edges([x0, y0, x1, y1]: &[f64; 4], size: ImageSize) -> [bool; 4] {
 #[must_use]
 pub fn ground_contact(
     bbox_px: &[f64; 4],
-    size: ImageSize,
+    picture_px: &[f64; 4],
     hidden: [bool; 4],
     view: &FrameCamera,
     knowledge: &Knowledge,
 ) -> Option<GroundContact> {
-    let cut = cut_edges(bbox_px, size);
+    let cut = cut_edges(bbox_px, picture_px);
     let is_known = matches!(knowledge, Knowledge::Track { .. });
     if (cut[0] && cut[2]) || (cut[3] && (cut[1] || !is_known)) {
         return None;
@@ -322,6 +321,7 @@ fn mixture(fits: &[Fit]) -> Option<GroundContact> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use roadplane_base::ImageSize;
     use roadplane_base::{Camera, GroundPlane};
 
     /// Size of the test pictures, px.
@@ -347,7 +347,8 @@ mod tests {
                 let pose = GroundPose { x_m, y_m, heading_rad };
                 let bbox = body_box(&view(), &pose, class, &body_of(class).dims_m).unwrap();
                 let found =
-                    ground_contact(&bbox, SIZE, [false; 4], &view(), &Knowledge::Label(label)).unwrap();
+                    ground_contact(&bbox, &SIZE.picture_px(), [false; 4], &view(), &Knowledge::Label(label))
+                        .unwrap();
                 let off = Vector2::new(found.pose.x_m - x_m, found.pose.y_m - y_m);
                 let spread = found.covariance.fixed_view::<2, 2>(0, 0).into_owned();
                 let square = off.dot(&(spread.try_inverse().unwrap() * off));
@@ -362,7 +363,7 @@ mod tests {
         let body = Body { covariance: Matrix3::identity() * 0.04, ..body_of(VehicleClass::Bus) };
         let bbox = body_box(&view(), &pose, body.class, &body.dims_m).unwrap();
         let known = Knowledge::Track { body, heading_rad: 1.2, heading_sd_rad: 0.05 };
-        let found = ground_contact(&bbox, SIZE, [false; 4], &view(), &known).unwrap();
+        let found = ground_contact(&bbox, &SIZE.picture_px(), [false; 4], &view(), &known).unwrap();
         assert!((found.pose.x_m - pose.x_m).hypot(found.pose.y_m - pose.y_m) < 0.2, "{found:?}");
         assert!(found.covariance[(0, 0)].sqrt() < 1.0);
     }
@@ -375,7 +376,7 @@ mod tests {
         let bbox = [x0, y0, x1, y0 + 0.6 * (y1 - y0)];
         let label = Knowledge::Track { body, heading_rad: 1.4, heading_sd_rad: 0.05 };
         let off = |hidden| {
-            let found = ground_contact(&bbox, SIZE, hidden, &view(), &label).unwrap();
+            let found = ground_contact(&bbox, &SIZE.picture_px(), hidden, &view(), &label).unwrap();
             let off = Vector2::new(found.pose.x_m - pose.x_m, found.pose.y_m - pose.y_m);
             let spread = found.covariance.fixed_view::<2, 2>(0, 0).into_owned();
             (off.norm(), off.dot(&(spread.try_inverse().unwrap() * off)))
@@ -396,14 +397,20 @@ mod tests {
             heading_rad: 1.4,
             heading_sd_rad: 0.05,
         };
-        let found = ground_contact(&bbox, SIZE, [false; 4], &view(), &known).unwrap();
+        let found = ground_contact(&bbox, &SIZE.picture_px(), [false; 4], &view(), &known).unwrap();
         assert!((found.pose.x_m - pose.x_m).hypot(found.pose.y_m - pose.y_m) < 1.0, "{found:?}");
     }
 
     #[test]
     fn what_is_cut_off_below_or_lies_above_the_horizon_says_nothing() {
         let label = Knowledge::Label(VehicleClass::Truck);
-        assert!(ground_contact(&[100.0, 600.0, 300.0, 719.0], SIZE, [false; 4], &view(), &label).is_none());
-        assert!(ground_contact(&[100.0, 0.0, 300.0, 4.0], SIZE, [false; 4], &view(), &label).is_none());
+        assert!(
+            ground_contact(&[100.0, 600.0, 300.0, 719.0], &SIZE.picture_px(), [false; 4], &view(), &label)
+                .is_none()
+        );
+        assert!(
+            ground_contact(&[100.0, 0.0, 300.0, 4.0], &SIZE.picture_px(), [false; 4], &view(), &label)
+                .is_none()
+        );
     }
 }

@@ -2,10 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::Vector2;
 use roadplane_base::{
-    CarRecord, CarRef, FrameRecord, FrameStamp, PoseRecord, ShapeAtlas, VehicleClass, WatchRecord,
-    bbox_part_seen,
+    CarRecord, CarRef, FrameRecord, FrameStamp, PoseRecord, ShapeAtlas, VehicleClass, bbox_part_seen,
 };
 use roadplane_geo::Place;
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
@@ -21,6 +19,7 @@ use crate::tracks::hidden::hidden_edges;
 use crate::tracks::known::KnownCar;
 use crate::tracks::scene::Looked;
 use crate::tracks::stretch::TimeChunk;
+use crate::tracks::views::Views;
 use crate::{Config, PipelineError};
 
 /// Counts of cars; each car of each frame counts once.
@@ -31,9 +30,6 @@ pub struct Tally {
     /// Number of rejected cars by reason.
     pub rejected: BTreeMap<String, u64>,
 }
-
-/// Offset of the picture by shake, px, by frame index; frames without shake are missing.
-pub(crate) type Shake = BTreeMap<u64, Vector2<f64>>;
 
 /// The input of a pass over the frames.
 pub(crate) struct Pass<'a> {
@@ -52,7 +48,7 @@ pub(crate) struct Pass<'a> {
 }
 
 impl Pass<'_> {
-    /// Fits and tracks all cars of all frames that the chunk needs. Returns the tracks and the shake.
+    /// Fits and tracks all cars of all frames that the chunk needs. Returns the tracks and the views.
     ///
     /// `known` contains the results of an earlier pass. A car in it has that shape and about that pose. Only with
     /// `known` do boxes count that belong to no vehicle yet.
@@ -65,10 +61,10 @@ impl Pass<'_> {
         known: Option<&BTreeMap<CarRef, KnownCar>>,
         tally: &mut Tally,
         mut sink: impl FnMut(&PoseRecord) -> Result<(), PipelineError>,
-    ) -> Result<(Vec<Track>, Shake), PipelineError> {
+    ) -> Result<(Vec<Track>, Views), PipelineError> {
         let mut tracker = Tracker::new(self.config.track.clone());
         let mut tracks = Vec::new();
-        let mut shake_px = Shake::default();
+        let mut views = Views::default();
         let mut position = None;
         let mut looked_s = Vec::new();
         let mut looks = CarriedPoses::default();
@@ -80,13 +76,10 @@ impl Pass<'_> {
             let here = self.cameras.position_at(frame.time_s);
             if position.replace(here).is_some_and(|before| before != here) {
                 let ended = std::mem::replace(&mut tracker, Tracker::new(self.config.track.clone()));
-                append(&mut tracks, ended.finish(&Looked { pass: self, looked_s: &looked_s }));
+                append(&mut tracks, ended.finish(&Looked { pass: self, looked_s: &looked_s, views: &views }));
             }
-            if let Some(shake) =
-                frame.watch.as_ref().map(WatchRecord::offset).filter(|shake| shake.norm() > 0.0)
-            {
-                shake_px.insert(frame.frame, shake);
-            }
+            views.add(&frame);
+            let picture_px = frame.picture_px();
             let view = FrameCamera::from(estimate);
             let prior =
                 |i: usize| match known.and_then(|known| known.get(&CarRef { frame: frame.frame, car: i })) {
@@ -125,8 +118,9 @@ impl Pass<'_> {
                         let projected =
                             projected_box(self.atlas, &view.camera, &car.camera_from_car, &car.shape)
                                 .map(|whole| bbox_part_seen(&whole, &record.bbox_px, hidden));
-                        let (rms, size) = (car.reprojection_rms_px, frame.image_size_px);
-                        let believable = is_believable(projected, &record.bbox_px, rms, size, self.config);
+                        let rms = car.reprojection_rms_px;
+                        let believable =
+                            is_believable(projected, &record.bbox_px, rms, &picture_px, self.config);
                         (!(car.used && believable)).then_some("keypoints_disagree")
                     }
                 };
@@ -170,11 +164,11 @@ impl Pass<'_> {
             }
             tracker.push(&FrameMeasurements { stamp, looked, cars, held, seen_again, boxes });
         }
-        append(&mut tracks, tracker.finish(&Looked { pass: self, looked_s: &looked_s }));
+        append(&mut tracks, tracker.finish(&Looked { pass: self, looked_s: &looked_s, views: &views }));
         for (id, track) in (1..).zip(&mut tracks) {
             track.id = id;
         }
-        Ok((tracks, shake_px))
+        Ok((tracks, views))
     }
 
     /// Returns the position of a vehicle whose box is more informative than its keypoints.
@@ -195,7 +189,7 @@ impl Pass<'_> {
             },
             None => Knowledge::Label(record.class),
         };
-        let found = ground_contact(&record.bbox_px, frame.image_size_px, hidden, view, &knowledge)?;
+        let found = ground_contact(&record.bbox_px, &frame.picture_px(), hidden, view, &knowledge)?;
         Some(CarMeasurement {
             pose: found.pose,
             covariance: found.covariance,
@@ -259,7 +253,7 @@ fn box_sighting(frame: &FrameRecord, bbox_px: [f64; 4], score: f64, car: Option<
     let others = frame.cars.iter().enumerate().filter(|(other, _)| Some(*other) != car);
     let hidden = hidden_edges(&bbox_px, others.map(|(_, other)| &other.bbox_px));
     let held = car.is_some_and(|car| frame.cars[car].held_since.is_some());
-    BoxSighting { bbox_px, score, class, cut: cut_edges(&bbox_px, frame.image_size_px), hidden, car, held }
+    BoxSighting { bbox_px, score, class, cut: cut_edges(&bbox_px, &frame.picture_px()), hidden, car, held }
 }
 
 /// Builds the measurement of a stationary vehicle that is carried over.

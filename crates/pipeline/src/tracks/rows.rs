@@ -1,14 +1,15 @@
 //! Converts a track to rows: positions, observed or projected boxes, and whether the two agree.
 
 use nalgebra::Vector3;
-use roadplane_base::{ImageSize, TrackRow, bbox_moved, bbox_share_inside};
+use roadplane_base::{TrackRow, bbox_share_inside};
 use roadplane_track::{Track, TrackState};
 
-use crate::tracks::believe::{overlap_inside, picture_px, projected_box};
+use crate::tracks::believe::{overlap_inside, projected_box};
 use crate::tracks::cars::FrameCamera;
 use crate::tracks::ground_contact::body_box;
-use crate::tracks::pass::{Pass, Shake};
+use crate::tracks::pass::Pass;
 use crate::tracks::shared_error::shared_covariance;
+use crate::tracks::views::Views;
 
 /// Least overlap of an observed row's box with the vehicle's projected box (intersection over union).
 const MIN_ROW_OVERLAP: f64 = 0.3;
@@ -17,37 +18,42 @@ const IN_VIEW_SHARE: f64 = 0.15;
 
 impl Pass<'_> {
     /// Returns the box of a detection if it agrees with the track's position. Another box belongs to another vehicle.
-    fn own_box(&self, state: &TrackState, projected: Option<&[f64; 4]>, size: ImageSize) -> Option<[f64; 4]> {
+    fn own_box(
+        &self,
+        state: &TrackState,
+        projected: Option<&[f64; 4]>,
+        picture_px: &[f64; 4],
+    ) -> Option<[f64; 4]> {
         let fits = |seen: &[f64; 4]| {
-            projected.is_none_or(|drawn| overlap_inside(drawn, seen, size) >= MIN_ROW_OVERLAP)
+            projected.is_none_or(|drawn| overlap_inside(drawn, seen, picture_px) >= MIN_ROW_OVERLAP)
         };
         state.bbox_px.filter(fits)
     }
 
     /// Returns whether most detections of a track agree with its positions.
-    pub(crate) fn is_where_it_is_seen(&self, track: &Track) -> bool {
+    pub(crate) fn is_where_it_is_seen(&self, track: &Track, views: &Views) -> bool {
         let (mut own, mut sightings) = (0, 0);
         for state in track.states.iter().filter(|state| state.car.is_some()) {
             let Some(estimate) = self.cameras.at(state.stamp.time_s()) else { continue };
             let projected = self.projected_box(track, state);
             sightings += 1;
-            own += usize::from(self.own_box(state, projected.as_ref(), estimate.image_size_px).is_some());
+            let picture_px = views.picture_px(state.stamp.index, estimate.image_size_px);
+            own += usize::from(self.own_box(state, projected.as_ref(), &picture_px).is_some());
         }
         2 * own >= sightings
     }
 
-    /// Returns the rows of a track, one for each frame in which its vehicle is in the picture. Boxes include the shake.
-    pub(crate) fn rows(&self, track: &Track, shake_px: &Shake) -> Vec<TrackRow> {
+    /// Returns the rows of a track, one for each frame in which its vehicle is in the picture. Boxes are in px of their frames.
+    pub(crate) fn rows(&self, track: &Track, views: &Views) -> Vec<TrackRow> {
         let dims = self.dims_m(track);
         let row = |state: &TrackState| {
             let projected = self.projected_box(track, state);
             let estimate = self.cameras.at(state.stamp.time_s())?;
-            let seen_px = self.own_box(state, projected.as_ref(), estimate.image_size_px);
-            let picture_px = picture_px(estimate.image_size_px);
+            let picture_px = views.picture_px(state.stamp.index, estimate.image_size_px);
+            let seen_px = self.own_box(state, projected.as_ref(), &picture_px);
             let in_view = |drawn: &[f64; 4]| bbox_share_inside(drawn, &picture_px) >= IN_VIEW_SHARE;
-            let at_rest = seen_px.or(projected.filter(in_view))?;
-            let bbox_px =
-                shake_px.get(&state.stamp.index).map_or(at_rest, |shake| bbox_moved(&at_rest, shake));
+            let in_world = seen_px.or(projected.filter(in_view))?;
+            let bbox_px = views.in_picture(state.stamp.index, &in_world);
             // The sds of each row include the error that all cars share.
             let shared = shared_covariance(estimate, &state.pose);
             let whole = |own: f64, i: usize| (own * own + shared[(i, i)]).sqrt();

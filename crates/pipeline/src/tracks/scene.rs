@@ -9,6 +9,7 @@ use crate::tracks::body::{Body, body_of, car_body};
 use crate::tracks::cars::FrameCamera;
 use crate::tracks::ground_contact::{Knowledge, body_box, ground_contact};
 use crate::tracks::pass::Pass;
+use crate::tracks::views::Views;
 
 /// Least sd of a heading that counts as unknown, rad.
 const UNKNOWN_HEADING_SD_RAD: f64 = 1.5;
@@ -19,6 +20,8 @@ pub(super) struct Looked<'a> {
     pub pass: &'a Pass<'a>,
     /// Times of the inference frames, in order, s.
     pub looked_s: &'a [f64],
+    /// The part of the world picture that each frame shows.
+    pub views: &'a Views,
 }
 
 impl Scene for Looked<'_> {
@@ -56,8 +59,9 @@ impl Scene for Looked<'_> {
             },
             false => Knowledge::Label(vehicle.class),
         };
-        let (size, view) = (estimate.image_size_px, FrameCamera::from(estimate));
-        let found = ground_contact(&seen.bbox_px, size, seen.hidden, &view, &knowledge)?;
+        let picture_px = self.views.picture_px(stamp.index, estimate.image_size_px);
+        let view = FrameCamera::from(estimate);
+        let found = ground_contact(&seen.bbox_px, &picture_px, seen.hidden, &view, &knowledge)?;
         Some(Placed {
             pose: found.pose,
             covariance: found.covariance,

@@ -1,0 +1,205 @@
+//! Converts the frames of a camera that turns and zooms to those of one camera at rest.
+//!
+//! The boxes, keypoints and covariances of each frame are converted to pixels of the world picture of its place (see
+//! [`Places`]). For a camera that turns and zooms about its centre this is exact, whatever the distances. So the solver
+//! and the tracker see one camera. Frames between two inference frames get an interpolated motion.
+//!
+//! Vehicles are removed from pictures that lie on no reference: a cut, or a camera that is carried along. They are also
+//! removed from pictures without information.
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+
+use nalgebra::{Matrix3, Vector2};
+use roadplane_base::{CameraMove, FrameRecord, Homography, MoveKind, PictureVerdict};
+
+use crate::places::Places;
+
+/// Time after which frames no longer wait for an inference frame, s.
+const MAX_WAIT_S: f64 = 2.0;
+
+/// The position of a picture in a place.
+#[derive(Clone, Copy, Debug)]
+struct Position {
+    time_s: f64,
+    place: usize,
+    picture_from_world: Homography,
+}
+
+/// An iterator over frames in the order of time that converts them to those of one camera; see the module.
+pub struct OneCamera<I> {
+    /// Source of the frames.
+    frames: I,
+    places: Arc<Places>,
+    /// Frames after the last inference frame, in the order of time.
+    waiting: VecDeque<FrameRecord>,
+    /// Converted frames, in the order of time.
+    ready: VecDeque<FrameRecord>,
+    /// Whether the source has ended.
+    is_over: bool,
+    /// Position of the last picture whose position is known.
+    last: Option<Position>,
+    /// Whether the last inference frame lies on no reference.
+    is_lost: bool,
+    /// Place of the last converted frame.
+    place: usize,
+}
+
+impl<I> OneCamera<I> {
+    /// Creates the iterator over `frames`, whose references lie at `places`.
+    pub fn new(frames: I, places: Arc<Places>) -> Self {
+        Self {
+            frames,
+            places,
+            waiting: VecDeque::new(),
+            ready: VecDeque::new(),
+            is_over: false,
+            last: None,
+            is_lost: false,
+            place: 0,
+        }
+    }
+
+    /// Converts the waiting frames, and then the inference frame that ends the wait.
+    fn convert(&mut self, inference: Option<FrameRecord>) {
+        let before = self.last;
+        let was_lost = self.is_lost;
+        let now = inference.as_ref().and_then(|frame| self.position(frame));
+        for frame in std::mem::take(&mut self.waiting) {
+            let position = before.map(|before| match now {
+                Some(now) if now.place == before.place && now.time_s > before.time_s && !self.is_lost => {
+                    let share = (frame.time_s - before.time_s) / (now.time_s - before.time_s);
+                    before.picture_from_world.between(&now.picture_from_world, share)
+                }
+                _ => before.picture_from_world,
+            });
+            let place = before.map_or(self.place, |before| before.place);
+            self.emit(frame, place, position.unwrap_or(Homography::IDENTITY), was_lost);
+        }
+        let Some(frame) = inference else { return };
+        match now {
+            Some(now) => {
+                self.last = Some(now);
+                self.emit(frame, now.place, now.picture_from_world, self.is_lost);
+            }
+            None => self.emit(frame, self.place, Homography::IDENTITY, self.is_lost),
+        }
+    }
+
+    /// Returns the position of an inference frame. A picture without structure keeps the last one.
+    fn position(&mut self, frame: &FrameRecord) -> Option<Position> {
+        let watch = frame.watch.as_ref()?;
+        let time_s = frame.time_s;
+        self.is_lost = false;
+        for registration in &watch.motion {
+            if let Some(placed) = self.places.placed(registration.reference) {
+                let picture_from_world =
+                    placed.reference_from_world.then(&registration.picture_from_reference());
+                return Some(Position { time_s, place: placed.place, picture_from_world });
+            }
+        }
+        // Files of older versions have the shake in place of the motion.
+        if self.places.count() == 0 {
+            return Some(Position { time_s, place: 0, picture_from_world: shifted(watch.offset()) });
+        }
+        self.is_lost = matches!(watch.verdict, PictureVerdict::Unsettled | PictureVerdict::Moving);
+        Some(
+            self.last
+                .map_or(Position { time_s, place: 0, picture_from_world: Homography::IDENTITY }, |last| {
+                    Position { time_s, ..last }
+                }),
+        )
+    }
+
+    /// Converts a frame and adds it to those that are ready.
+    fn emit(&mut self, mut frame: FrameRecord, place: usize, picture_from_world: Homography, is_lost: bool) {
+        let is_blind = frame.watch.as_ref().is_some_and(|watch| watch.verdict.is_blind());
+        if is_blind || is_lost {
+            frame.cars.clear();
+            frame.weak.clear();
+        }
+        let size = frame.image_size_px;
+        let first_of_place = place != self.place && !is_lost;
+        if first_of_place {
+            self.place = place;
+        }
+        let (since_frame, since_s) = (frame.frame, frame.time_s);
+        if let Some(watch) = &mut frame.watch {
+            let is_old = self.places.count() == 0;
+            watch.left_out = is_lost && !is_blind;
+            if !is_old {
+                let cut =
+                    CameraMove { kind: MoveKind::Cut, since_frame, since_s, shift_px: None, log_scale: None };
+                watch.moved = first_of_place.then_some(cut);
+                if matches!(watch.verdict, PictureVerdict::Unsettled | PictureVerdict::Moving) && !is_lost {
+                    watch.verdict = PictureVerdict::Rest;
+                }
+            }
+            if picture_from_world != Homography::IDENTITY {
+                watch.picture_from_world = Some(picture_from_world);
+            }
+        }
+        if picture_from_world != Homography::IDENTITY {
+            to_world(&mut frame, &picture_from_world.inverse());
+        }
+        debug_assert_eq!(frame.image_size_px, size);
+        self.ready.push_back(frame);
+    }
+}
+
+impl<I, E> Iterator for OneCamera<I>
+where
+    I: Iterator<Item = Result<FrameRecord, E>>,
+{
+    type Item = Result<FrameRecord, E>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        loop {
+            if let Some(frame) = self.ready.pop_front() {
+                return Some(Ok(frame));
+            }
+            if self.is_over {
+                return None;
+            }
+            match self.frames.next() {
+                Some(Ok(frame)) if frame.watch.as_ref().is_none_or(|watch| watch.looked) => {
+                    self.convert(Some(frame));
+                }
+                Some(Ok(frame)) => {
+                    self.waiting.push_back(frame);
+                    let waited_s = |(first, last): (&FrameRecord, &FrameRecord)| last.time_s - first.time_s;
+                    let ends = self.waiting.front().zip(self.waiting.back());
+                    if ends.map_or(0.0, waited_s) > MAX_WAIT_S {
+                        self.convert(None);
+                    }
+                }
+                Some(Err(error)) => return Some(Err(error)),
+                None => {
+                    self.is_over = true;
+                    self.convert(None);
+                }
+            }
+        }
+    }
+}
+
+/// Returns the mapping of a picture that is shifted, px.
+fn shifted(by: Vector2<f64>) -> Homography {
+    Homography::new(Matrix3::new_translation(&by)).unwrap_or(Homography::IDENTITY)
+}
+
+/// Converts the boxes, keypoints and lines of a frame to pixels of the world picture.
+fn to_world(frame: &mut FrameRecord, world_from_picture: &Homography) {
+    for car in &mut frame.cars {
+        car.bbox_px = world_from_picture.apply_to_box(&car.bbox_px);
+        if let Some(keypoints) = &mut car.keypoints {
+            world_from_picture.apply_to_keypoints(keypoints);
+        }
+    }
+    for weak in &mut frame.weak {
+        weak.bbox_px = world_from_picture.apply_to_box(&weak.bbox_px);
+    }
+    for line in frame.scene_lines.iter_mut().flatten() {
+        line.ends_px = line.ends_px.map(|end| world_from_picture.apply(&end));
+    }
+}

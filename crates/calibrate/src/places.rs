@@ -1,0 +1,145 @@
+//! Finds where the reference pictures of a clip lie.
+//!
+//! The watcher registers each picture on one or two earlier pictures, its references
+//! ([`roadplane_base::Registration`]). A picture on two references links them. References that are linked, directly or
+//! through others, show one *place*. All pixels of a place are converted to those of its first reference, the *world*
+//! picture.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use roadplane_base::{FrameRecord, Homography, ImageSize};
+
+/// Least time for which pictures must lie on the references of a place, s. A flash or a lorry in front of the camera is
+/// shorter.
+const MIN_PLACE_S: f64 = 1.0;
+/// Least number of pictures on the references of a place.
+const MIN_PICTURES: u64 = 4;
+/// Sd of a registration that comes on top of its own sd, px. It bounds the weight of a registration on itself.
+const LEAST_SD_PX: f64 = 0.1;
+
+/// Weighted sum of the measurements of one link.
+#[derive(Clone, Copy, Debug, Default)]
+struct Link {
+    numbers: [f64; 8],
+    weight: f64,
+}
+
+/// The pictures that lie on one reference.
+#[derive(Clone, Copy, Debug)]
+struct Pictures {
+    count: u64,
+    first_s: f64,
+    last_s: f64,
+}
+
+/// Collects the registrations of a clip, frame by frame. Its memory grows with the number of references alone.
+#[derive(Clone, Debug, Default)]
+pub struct PlacesBuilder {
+    /// Homography from the first reference to the second.
+    links: BTreeMap<(u64, u64), Link>,
+    pictures: BTreeMap<u64, Pictures>,
+    size: Option<ImageSize>,
+}
+
+impl PlacesBuilder {
+    /// Takes the next frame.
+    pub fn push(&mut self, frame: &FrameRecord) {
+        let Some(watch) = frame.watch.as_ref().filter(|watch| watch.looked) else { return };
+        self.size = Some(frame.image_size_px);
+        for (i, a) in watch.motion.iter().enumerate() {
+            let (time_s, start) =
+                (frame.time_s, Pictures { count: 0, first_s: frame.time_s, last_s: frame.time_s });
+            let here = self.pictures.entry(a.reference).or_insert(start);
+            (here.count, here.last_s) = (here.count + 1, here.last_s.max(time_s));
+            for b in watch.motion.iter().skip(i + 1).filter(|b| b.reference != a.reference) {
+                let (from, to) = if a.reference < b.reference { (a, b) } else { (b, a) };
+                let link = from.picture_from_reference().then(&to.picture_from_reference().inverse());
+                let variance = a.sd_px.powi(2) + b.sd_px.powi(2) + LEAST_SD_PX.powi(2);
+                let sum = self.links.entry((from.reference, to.reference)).or_default();
+                sum.weight += variance.recip();
+                sum.numbers.iter_mut().zip(link.numbers()).for_each(|(sum, n)| *sum += n / variance);
+            }
+        }
+    }
+
+    /// Returns the places of the clip.
+    #[must_use]
+    pub fn finish(self) -> Places {
+        let mut open: BTreeSet<u64> = self.pictures.keys().copied().collect();
+        let mut found: Vec<BTreeMap<u64, Homography>> = Vec::new();
+        while let Some(first) = open.pop_first() {
+            let mut place = BTreeMap::from([(first, Homography::IDENTITY)]);
+            // The strongest link to a reference that has no position yet gives it one (Prim 1957).
+            while let Some((reference, position)) = self.next_of(&place, &open) {
+                open.remove(&reference);
+                place.insert(reference, position);
+            }
+            found.push(place);
+        }
+        let count_of =
+            |place: &BTreeMap<u64, Homography>| place.keys().map(|r| self.pictures[r].count).sum::<u64>();
+        let most = found.iter().map(count_of).max();
+        found.retain(|place| {
+            let here = || place.keys().map(|reference| &self.pictures[reference]);
+            let first_s = here().map(|pictures| pictures.first_s).fold(f64::INFINITY, f64::min);
+            let last_s = here().map(|pictures| pictures.last_s).fold(f64::NEG_INFINITY, f64::max);
+            let lasts = last_s - first_s >= MIN_PLACE_S && count_of(place) >= MIN_PICTURES;
+            lasts || Some(count_of(place)) == most
+        });
+        let numbered = found.into_iter().enumerate();
+        let references = numbered
+            .flat_map(|(place, references)| {
+                references.into_iter().map(move |(reference, reference_from_world)| {
+                    (reference, Placed { place, reference_from_world })
+                })
+            })
+            .collect();
+        Places { references }
+    }
+
+    /// Returns the reference with the strongest link to a place, and its position.
+    fn next_of(&self, place: &BTreeMap<u64, Homography>, open: &BTreeSet<u64>) -> Option<(u64, Homography)> {
+        let ends = |(a, b): (u64, u64)| {
+            let forward = place.contains_key(&a) && open.contains(&b);
+            let backward = place.contains_key(&b) && open.contains(&a);
+            (forward || backward).then_some(forward)
+        };
+        let (key, link, forward) = self
+            .links
+            .iter()
+            .filter_map(|(key, link)| Some((*key, link, ends(*key)?)))
+            .max_by(|a, b| a.1.weight.total_cmp(&b.1.weight).then(b.0.cmp(&a.0)))?;
+        let to_from = Homography::from_numbers(link.numbers.map(|n| n / link.weight))?;
+        let (from, to, step) =
+            if forward { (key.0, key.1, to_from) } else { (key.1, key.0, to_from.inverse()) };
+        Some((to, place[&from].then(&step)))
+    }
+}
+
+/// A reference and its position in its place.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Placed {
+    /// Index of the place, from 0.
+    pub place: usize,
+    /// Mapping from the world picture of the place to the reference, px.
+    pub reference_from_world: Homography,
+}
+
+/// The places of a clip and the position of each reference.
+#[derive(Clone, Debug, Default)]
+pub struct Places {
+    references: BTreeMap<u64, Placed>,
+}
+
+impl Places {
+    /// Returns the position of a reference; `None` if it shows no place for long enough.
+    pub(crate) fn placed(&self, reference: u64) -> Option<&Placed> {
+        self.references.get(&reference)
+    }
+
+    /// Returns the number of places.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.references.values().map(|placed| placed.place + 1).max().unwrap_or(0)
+    }
+}

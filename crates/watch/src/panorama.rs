@@ -1,0 +1,277 @@
+//! Follows a camera that turns or zooms: registers each picture on pictures of the place.
+//!
+//! The pictures of the place are *keyframes*. A picture is registered on the nearest one. Where the camera turns too far
+//! for it, the picture becomes the next keyframe. It is registered on both, so the estimation can chain them
+//! ([`roadplane_base::Registration`]). When the camera comes back, the earlier keyframe is used again.
+//!
+//! A picture that lies on no known keyframe starts a new one. So after a cut, the registrations form another chain. The
+//! estimation decides which chains show a place for long enough.
+
+use nalgebra::Vector2;
+use roadplane_base::{FrameStamp, Homography, Registration};
+
+use crate::SmallGrey;
+use crate::reference::{Prepared, Reference};
+use crate::registration::{Fit, Registered, picture_box};
+use crate::search::{refined, search};
+
+/// Smallest number of blocks with structure that a keyframe needs.
+const MIN_BLOCKS: usize = 12;
+/// Largest displacement of a picture on its keyframe, as a share of the picture's width. At this displacement, three
+/// quarters of the picture lie on the keyframe.
+const MAX_SHIFT: f64 = 0.2;
+/// Largest absolute logarithm of the scale of a picture on its keyframe. At this scale, the resolutions of both pictures
+/// differ by a quarter.
+const MAX_LOG_SCALE: f64 = 0.22;
+/// Largest roll of a picture on its keyframe, rad. At this roll, the corners are displaced as by [`MAX_SHIFT`].
+const MAX_ROLL: f64 = 0.35;
+/// Another keyframe replaces the current one if the picture lies nearer to it by this factor.
+const NEARER: f64 = 0.6;
+/// Largest displacement at which the keyframe adapts to the picture, as a share of the picture's width.
+const FOLLOWED_SHIFT: f64 = 0.05;
+/// Displacement up to which a picture counts as not displaced, px of the frame. It is within the noise of boxes and
+/// keypoints.
+const NOT_DISPLACED_PX: f64 = 0.5;
+/// Largest number of keyframes. The one that was used least recently is dropped.
+const MAX_KEYFRAMES: usize = 24;
+/// Number of keyframes that are tried first when the camera is lost, the most recently used first.
+const TRIED_AT_ONCE: usize = 3;
+
+/// A picture of the place.
+#[derive(Clone, Debug)]
+struct Keyframe {
+    /// Index of its frame.
+    frame: u64,
+    reference: Reference,
+    /// Mapping from the first keyframe of its chain, px of the reduced picture from its middle.
+    from_chain: Homography,
+    /// Chain of keyframes that it belongs to.
+    chain: u64,
+    /// Last picture that was registered on it, and its number.
+    last: (Homography, u64),
+}
+
+/// The keyframes of a place, and the position of the last picture on them.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Panorama {
+    /// Keyframes, the most recently used last.
+    keyframes: Vec<Keyframe>,
+    /// Number of pictures so far.
+    pictures: u64,
+    /// Motion of the picture from the one before the last to the last one.
+    step: Option<Homography>,
+    /// Keyframe that is searched for next when the camera is lost.
+    next_searched: usize,
+}
+
+impl Panorama {
+    /// Registers the next picture. The first entry of the result is the most accurate one.
+    pub(crate) fn register(
+        &mut self,
+        stamp: FrameStamp,
+        small: &SmallGrey,
+        picture: &Prepared,
+    ) -> Vec<Registration> {
+        self.pictures += 1;
+        let size = (small.width, small.height);
+        if self.keyframes.first().is_some_and(|keyframe| keyframe.reference.fine().size() != size) {
+            self.keyframes.clear();
+        }
+        let mut out = Vec::new();
+        let mut found = |keyframe: &Keyframe, fit: &Fit| out.push(registration(keyframe.frame, fit, small));
+        match self.follow(stamp, picture) {
+            Some((fit, is_young)) => {
+                let mut here = None;
+                if is_young {
+                    here = self.recover(picture);
+                }
+                let current = self.keyframes.len() - 1;
+                if let Some((keyframe, home)) = here {
+                    // The lost place is found again. Both registrations are kept, as they link the keyframes.
+                    found(&self.keyframes[keyframe], &home);
+                    found(&self.keyframes[current], &fit);
+                    self.join(current, &fit, keyframe, &home);
+                    self.use_keyframe(keyframe, &home);
+                    return out;
+                }
+                match self.nearer(&fit, picture) {
+                    Some((other, own)) => {
+                        found(&self.keyframes[other], &own);
+                        found(&self.keyframes[current], &fit);
+                        self.use_keyframe(other, &own);
+                    }
+                    None if farness(&fit.picture_from_reference, size) > 1.0 => {
+                        if self.add(stamp, picture, Some(&fit)) {
+                            let exact = Fit { picture_from_reference: Homography::IDENTITY, sd: 0.0 };
+                            let last = self.keyframes.len() - 1;
+                            found(&self.keyframes[last], &exact);
+                        }
+                        found(&self.keyframes[current.min(self.keyframes.len() - 1)], &fit);
+                    }
+                    None => found(&self.keyframes[current], &fit),
+                }
+            }
+            None => {
+                self.step = None;
+                if let Some((keyframe, fit)) = self.recover(picture) {
+                    found(&self.keyframes[keyframe], &fit);
+                    self.use_keyframe(keyframe, &fit);
+                } else if self.add(stamp, picture, None) {
+                    let exact = Fit { picture_from_reference: Homography::IDENTITY, sd: 0.0 };
+                    let last = self.keyframes.len() - 1;
+                    found(&self.keyframes[last], &exact);
+                }
+            }
+        }
+        out
+    }
+
+    /// Registers a picture on the current keyframe. Also returns whether its chain is new, while others exist.
+    fn follow(&mut self, stamp: FrameStamp, picture: &Prepared) -> Option<(Fit, bool)> {
+        let is_young =
+            |keyframe: &Keyframe, all: &[Keyframe]| all.iter().any(|other| other.chain < keyframe.chain);
+        let step = self.step;
+        let current = self.keyframes.last()?;
+        let last = current.last.0;
+        let predicted = step.map_or(last, |step| last.then(&step));
+        let Registered { fit, shifts, laid } = current
+            .reference
+            .registered(picture, &predicted)
+            .or_else(|| step.and_then(|_| current.reference.registered(picture, &last)))?;
+        let is_young = is_young(current, &self.keyframes);
+        let current = self.keyframes.last_mut()?;
+        let size = current.reference.fine().size();
+        let mapping = fit.picture_from_reference;
+        let displaced = mapping.displacement(&picture_box(size));
+        if displaced < FOLLOWED_SHIFT * size.0 as f64 {
+            let [fine, coarse] =
+                laid.as_ref().map_or([picture.fine(), picture.coarse()], |laid| laid.each_ref());
+            current.reference.follow_laid([fine, coarse], &shifts, stamp.time_s());
+        }
+        self.step = Some(last.inverse().then(&mapping));
+        current.last = (mapping, self.pictures);
+        Some((fit, is_young))
+    }
+
+    /// Returns another keyframe of the chain on which the picture lies nearer, and its registration.
+    fn nearer(&self, fit: &Fit, picture: &Prepared) -> Option<(usize, Fit)> {
+        let (current, others) = self.keyframes.split_last()?;
+        let size = current.reference.fine().size();
+        let now = farness(&fit.picture_from_reference, size);
+        if now < NEARER {
+            return None;
+        }
+        let from_chain = current.from_chain.then(&fit.picture_from_reference);
+        let predicted = |keyframe: &Keyframe| keyframe.from_chain.inverse().then(&from_chain);
+        let (other, keyframe) =
+            others.iter().enumerate().filter(|(_, keyframe)| keyframe.chain == current.chain).min_by(
+                |(_, a), (_, b)| farness(&predicted(a), size).total_cmp(&farness(&predicted(b), size)),
+            )?;
+        if farness(&predicted(keyframe), size) > NEARER * now {
+            return None;
+        }
+        let own = keyframe.reference.registered(picture, &predicted(keyframe))?.fit;
+        Some((other, own))
+    }
+
+    /// Looks for the picture on the keyframes of other chains, or on all if the current one does not fit.
+    fn recover(&mut self, picture: &Prepared) -> Option<(usize, Fit)> {
+        let count = self.keyframes.len();
+        let chain = self.keyframes.last()?.chain;
+        let is_young = self.keyframes.iter().any(|other| other.chain != chain) && self.step.is_some();
+        let candidates: Vec<usize> =
+            (0..count).rev().filter(|i| !is_young || self.keyframes[*i].chain != chain).collect();
+        for &i in candidates.iter().take(TRIED_AT_ONCE) {
+            let keyframe = &self.keyframes[i];
+            if let Some(found) = keyframe.reference.registered(picture, &keyframe.last.0) {
+                return Some((i, found.fit));
+            }
+        }
+        // A search costs more than all other steps, so each picture searches one keyframe.
+        let searched = *candidates.get(self.next_searched % candidates.len().max(1))?;
+        self.next_searched += 1;
+        let reference = &self.keyframes[searched].reference;
+        let found = search(reference.fine(), picture.smooth())?;
+        let size = reference.fine().size();
+        let middle = Vector2::new(size.0 as f64, size.1 as f64) / 2.0;
+        let carried = refined(reference.fine(), picture.smooth(), &found);
+        let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(u, v)| {
+            let p = Vector2::new(u * size.0 as f64, v * size.1 as f64);
+            ((p - middle) / middle.x, (carried.apply(&p) - middle) / middle.x, 1.0)
+        });
+        let (about, _) = Homography::fit(corners.into_iter(), None)?;
+        let about = about.in_coordinates(middle.x, Vector2::zeros());
+        Some((searched, reference.registered(picture, &about)?.fit))
+    }
+
+    /// Makes a keyframe the current one, with the position of the current picture on it.
+    fn use_keyframe(&mut self, index: usize, fit: &Fit) {
+        let mut keyframe = self.keyframes.remove(index);
+        keyframe.last = (fit.picture_from_reference, self.pictures);
+        self.keyframes.push(keyframe);
+    }
+
+    /// Joins the chain of the keyframe `young` to that of `old`. The same picture lies on both.
+    fn join(&mut self, young: usize, young_fit: &Fit, old: usize, old_fit: &Fit) {
+        let (from, to) = (self.keyframes[young].chain, self.keyframes[old].chain);
+        let by_old = self.keyframes[old].from_chain.then(&old_fit.picture_from_reference);
+        let by_young = self.keyframes[young].from_chain.then(&young_fit.picture_from_reference);
+        let change = by_old.then(&by_young.inverse());
+        for keyframe in self.keyframes.iter_mut().filter(|keyframe| keyframe.chain == from) {
+            keyframe.from_chain = change.then(&keyframe.from_chain);
+            keyframe.chain = to;
+        }
+    }
+
+    /// Makes the picture a keyframe: of the current chain if `fit` is its position on the current keyframe, else of a new
+    /// chain. Returns whether the picture has enough structure.
+    fn add(&mut self, stamp: FrameStamp, picture: &Prepared, fit: Option<&Fit>) -> bool {
+        let reference = Reference::new(picture);
+        if reference.fine().block_count() < MIN_BLOCKS {
+            return false;
+        }
+        let (chain, from_chain) = match (self.keyframes.last(), fit) {
+            (Some(current), Some(fit)) => {
+                (current.chain, current.from_chain.then(&fit.picture_from_reference))
+            }
+            _ => (stamp.index, Homography::IDENTITY),
+        };
+        let last = (Homography::IDENTITY, self.pictures);
+        self.keyframes.push(Keyframe { frame: stamp.index, reference, from_chain, chain, last });
+        if self.keyframes.len() > MAX_KEYFRAMES {
+            self.keyframes.remove(0);
+        }
+        true
+    }
+}
+
+/// Returns the distance of a picture from its keyframe; above 1 the picture needs another one.
+fn farness(mapping: &Homography, size: (usize, usize)) -> f64 {
+    let similarity = mapping.similarity(&picture_box(size));
+    let shift = mapping.apply(&Vector2::zeros()).norm() / size.0 as f64;
+    (shift / MAX_SHIFT)
+        .max(similarity.log_scale().abs() / MAX_LOG_SCALE)
+        .max(similarity.turn().abs() / MAX_ROLL)
+}
+
+/// Converts a fit to the record of a frame, px of the frame.
+fn registration(frame: u64, fit: &Fit, small: &SmallGrey) -> Registration {
+    let factor = small.factor as f64;
+    let displaced =
+        factor * fit.picture_from_reference.displacement(&picture_box((small.width, small.height)));
+    // The middle of the top-left pixel is the origin of pixels.
+    let middle = Vector2::new(small.width as f64, small.height as f64) * (factor / 2.0);
+    let mapping = fit.picture_from_reference.in_coordinates(factor, middle.add_scalar(-0.5));
+    let digits = [1e8, 1e8, 1e4, 1e8, 1e8, 1e4, 1e11, 1e11];
+    let mut numbers = mapping.numbers();
+    // Adding zero turns a negative zero into zero.
+    numbers
+        .iter_mut()
+        .zip(digits)
+        .for_each(|(number, digits)| *number = (*number * digits).round() / digits + 0.0);
+    Registration {
+        reference: frame,
+        homography: (displaced >= NOT_DISPLACED_PX).then_some(numbers),
+        sd_px: (factor * fit.sd * 1e3).round() / 1e3,
+    }
+}
