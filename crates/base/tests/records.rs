@@ -7,8 +7,8 @@ use std::f64::consts::FRAC_PI_2;
 use nalgebra::{Isometry3, Matrix4, UnitQuaternion, Vector2, Vector3};
 use roadplane_base::{
     CameraEstimate, CameraEvidence, CameraMove, CameraParams, CameraPrior, CameraStatus, CarRecord, CarRef,
-    ClipIdentity, EVIDENCE_SCHEMA, Frame, FrameRecord, FrameStamp, ImageSize, KEYPOINTS, LeftOut, Lens,
-    MoveKind, ParkedCar, PictureVerdict, RecordError, SceneCurve, SceneLine, TrackRow, VehicleClass,
+    ClipIdentity, EVIDENCE_SCHEMA, Frame, FrameRecord, FrameStamp, ImageSize, KEYPOINTS, Lens, MoveKind,
+    ParkedCar, PictureVerdict, RecordError, Registration, SceneCurve, SceneLine, TrackRow, VehicleClass,
     WatchRecord, WeakBox, rows_from_isometry,
 };
 use serde_json::{Value, json};
@@ -39,7 +39,13 @@ fn frame() -> FrameRecord {
         }),
         changed: Some(0.125),
         seen: None,
-        left_out: LeftOut::No,
+        left_out: false,
+        motion: vec![Registration {
+            reference: 2,
+            homography: Some([1.0, 0.01, 3.5, -0.01, 1.0, -2.0, 1e-5, 0.0]),
+            sd_px: 0.2,
+        }],
+        picture_from_world: None,
     };
     FrameRecord {
         watch: Some(watch),

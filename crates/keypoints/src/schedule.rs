@@ -3,8 +3,7 @@
 //! A moving car is observed as often as its trajectory needs. A stationary car is observed often at first. It is
 //! observed rarely as soon as more observations would hardly improve the mean.
 
-use nalgebra::Vector2;
-use roadplane_base::{CarRecord, CarRef, FrameRecord, WatchRecord, bbox_centre, bbox_iou, bbox_moved};
+use roadplane_base::{CarRecord, CarRef, FrameRecord, Homography, bbox_centre, bbox_iou};
 
 /// Number of observations of a stationary car before they become rarer. Most of the error is a bias (0.6 of the sd).
 /// Therefore more than a dozen observations improve the mean by only a few per cent.
@@ -37,7 +36,7 @@ pub(crate) enum Decision {
     Skip,
 }
 
-/// An observed car. Its boxes are in px, corrected for camera shake.
+/// An observed car. Its boxes are in px of the reference picture, on which the frames were registered.
 #[derive(Clone, Debug)]
 struct ObservedCar {
     /// Box in the last observation.
@@ -60,13 +59,43 @@ pub struct Schedule {
     /// Smallest number of frames between two observations of a car.
     every: u64,
     cars: Vec<ObservedCar>,
+    /// Reference of the boxes, and the mapping from it to the last picture.
+    reference: Option<(u64, Homography)>,
 }
 
 impl Schedule {
     /// Creates the schedule of a new clip. A car is observed at most once in `every` frames of the input.
     #[must_use]
     pub fn new(every: u64) -> Self {
-        Self { every, cars: Vec::new() }
+        Self { every, cars: Vec::new(), reference: None }
+    }
+
+    /// Converts the boxes to the reference of a frame. Returns the mapping from the picture to the reference.
+    ///
+    /// A frame that was not registered is taken to lie where the last one lay.
+    fn follow(&mut self, frame: &FrameRecord) -> Homography {
+        if let Some(watch) = &frame.watch
+            && let Some(first) = watch.motion.first()
+        {
+            let now = (first.reference, first.picture_from_reference());
+            if let Some((before, _)) = self.reference
+                && before != now.0
+            {
+                match watch.picture_from(before) {
+                    Some(picture_from_before) => {
+                        let change = picture_from_before.then(&now.1.inverse());
+                        for car in &mut self.cars {
+                            car.bbox_px = change.apply_to_box(&car.bbox_px);
+                            car.found_px = change.apply_to_box(&car.found_px);
+                        }
+                    }
+                    None => self.cars.clear(),
+                }
+            }
+            self.reference = Some(now);
+        }
+        self.reference
+            .map_or(Homography::IDENTITY, |(_, picture_from_reference)| picture_from_reference.inverse())
     }
 
     /// Returns the decision for every car of a frame. Frames must come in the order of time. `fits` returns whether the
@@ -80,11 +109,11 @@ impl Schedule {
         self.cars.retain(|earlier| time_s - earlier.found_s <= FORGOTTEN_S);
         let watch = frame.watch.as_ref();
         let is_inspected = watch.is_none_or(|watch| watch.looked);
-        let offset = watch.map_or(Vector2::zeros(), WatchRecord::offset);
+        let reference_from_picture = self.follow(frame);
         let mut taken = vec![false; self.cars.len()];
         let mut decisions = Vec::with_capacity(frame.cars.len());
         for (index, car) in frame.cars.iter().enumerate() {
-            let at_rest = bbox_moved(&car.bbox_px, &-offset);
+            let at_rest = reference_from_picture.apply_to_box(&car.bbox_px);
             let overlap = |earlier: &ObservedCar| bbox_iou(&earlier.found_px, &at_rest);
             let nearest = (0..taken.len())
                 .filter(|&p| !taken[p] && overlap(&self.cars[p]) >= FOLLOWS)

@@ -18,6 +18,7 @@ use crate::not_followed::{FollowCount, NotFollowed};
 use crate::tracks::cars::any_car;
 use crate::tracks::known::tracked_cars;
 use crate::tracks::pass::{Pass, Tally};
+use crate::tracks::views::Views;
 use crate::tracks::{Load, MOST_ROWS, Numbers, Replay, TimeChunk, detections_of};
 use crate::{CameraConstraints, Cancel, Config, PipelineError};
 
@@ -43,6 +44,8 @@ pub struct ClipSolution {
     pub tally: Tally,
     /// Frames in which vehicles were not followed, because the camera moved.
     pub not_followed: NotFollowed,
+    /// Motion of the camera.
+    pub views: Views,
     /// Warnings about the result, for the user.
     pub warnings: Vec<String>,
 }
@@ -210,7 +213,7 @@ pub(crate) fn solve_constrained_clip(
     let spool = poses.with_extension("spool");
     let mut poses = Poses { lines: PoseLines::create(poses)?, reprojection_rms_px: Vec::new(), used: 0 };
     let (mut tally, mut numbers) = (Tally::default(), Numbers::default());
-    let (mut shapes, mut row_count) = (BTreeMap::new(), 0);
+    let (mut shapes, mut motion, mut row_count) = (BTreeMap::new(), Views::default(), 0);
     for chunk in load.chunks(most_rows) {
         // The first pass estimates the shape of a car in each frame separately. In the second pass, the car has the
         // shape of its track.
@@ -236,6 +239,7 @@ pub(crate) fn solve_constrained_clip(
         for track in tracks {
             rows.extend(pass.rows(&track, &views));
         }
+        motion.extend(views);
         rows.sort_unstable_by_key(|row: &TrackRow| (row.frame, row.track));
         row_count += sink.take(rows, chunk, place.as_ref())?;
     }
@@ -253,6 +257,7 @@ pub(crate) fn solve_constrained_clip(
         poses_used,
         tally,
         not_followed,
+        views: motion,
         warnings,
     })
 }

@@ -3,7 +3,7 @@
 use image::RgbImage;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use roadplane_base::{
-    Camera, GroundPlane, KEYPOINTS, Shape, ShapeAtlas, TrackRow, VehicleClass, skeleton_edges,
+    Camera, GroundPlane, Homography, KEYPOINTS, Shape, ShapeAtlas, TrackRow, VehicleClass, skeleton_edges,
 };
 
 use crate::ViewError;
@@ -52,6 +52,8 @@ pub struct Overlay<'a> {
     plane: &'a GroundPlane,
     atlas: &'a ShapeAtlas,
     thickness: i32,
+    /// Mapping from the pixels of `camera` to those of the picture; `None` if the picture is not displaced.
+    picture_from_world: Option<Homography>,
 }
 
 impl<'a> Overlay<'a> {
@@ -66,7 +68,13 @@ impl<'a> Overlay<'a> {
         atlas: &'a ShapeAtlas,
     ) -> Result<Self, ViewError> {
         let thickness = if picture.width() >= 1600 { 2 } else { 1 };
-        Ok(Self { canvas: Canvas::new(picture)?, camera, plane, atlas, thickness })
+        Ok(Self { canvas: Canvas::new(picture)?, camera, plane, atlas, thickness, picture_from_world: None })
+    }
+
+    /// Draws into the picture of a camera that moved. `picture_from_world` maps the pixels of the camera to its pixels.
+    #[must_use]
+    pub fn displaced(self, picture_from_world: &Homography) -> Self {
+        Self { picture_from_world: Some(*picture_from_world), ..self }
     }
 
     /// Returns the finished picture.
@@ -167,7 +175,7 @@ impl<'a> Overlay<'a> {
         let camera_from_car = self.plane.camera_from_world() * pose.world_from_car();
         let (l, w) = (row.length_m / 2.0, row.width_m / 2.0);
         let corner = |forward: f64, left: f64, up: f64| {
-            self.camera.pixel_from_camera(&(camera_from_car * Point3::new(forward, left, up)).coords)
+            self.pixel(&(camera_from_car * Point3::new(forward, left, up)))
         };
         let round = [(l, w), (l, -w), (-l, -w), (-l, w)];
         let lines: Vec<_> = (0..4)
@@ -215,15 +223,21 @@ impl<'a> Overlay<'a> {
     ) -> Result<(), ViewError> {
         let near_left = eye_is_left(camera_from_car);
         let points = self.atlas.keypoints_in_car(shape);
-        let pixel =
-            |i: usize| self.camera.pixel_from_camera(&(camera_from_car * Point3::from(points[i])).coords);
+        let pixels: Vec<_> =
+            points.iter().map(|point| self.pixel(&(camera_from_car * Point3::from(*point)))).collect();
         for [a, b] in skeleton_edges() {
-            let (Some(from), Some(to)) = (pixel(*a), pixel(*b)) else { continue };
+            let (Some(from), Some(to)) = (pixels[*a], pixels[*b]) else { continue };
             let far = if near_left { *a >= LEFT && *b >= LEFT } else { *a < LEFT && *b < LEFT };
             let colour = if far { colour.map(|c| c / 3 * 2) } else { colour };
             self.canvas.line(from, to, colour, if far { 1 } else { self.thickness })?;
         }
         Ok(())
+    }
+
+    /// Returns the pixel of a point in the camera frame; `None` if the point is not in front of the camera.
+    fn pixel(&self, point_in_camera: &Point3<f64>) -> Option<Vector2<f64>> {
+        let pixel = self.camera.pixel_from_camera(&point_in_camera.coords)?;
+        Some(self.picture_from_world.map_or(pixel, |mapping| mapping.apply(&pixel)))
     }
 
     fn ground_line(
@@ -236,7 +250,7 @@ impl<'a> Overlay<'a> {
         let camera_from_world = self.plane.camera_from_world();
         let pixel = |[x, y]: [f64; 2]| {
             let point = camera_from_world * Point3::new(x, y, 0.0);
-            if point.z > 1.0 { self.camera.pixel_from_camera(&point.coords) } else { None }
+            if point.z > 1.0 { self.pixel(&point) } else { None }
         };
         match (pixel(a), pixel(b)) {
             (Some(from), Some(to)) => self.canvas.line(from, to, colour, thickness),

@@ -3,7 +3,9 @@
 use std::path::Path;
 
 use nalgebra::{Matrix4, Vector2, Vector3};
-use roadplane_base::{Camera, CameraEstimate, CameraParams, CameraStatus, GroundPlane, ImageSize, Lens};
+use roadplane_base::{
+    Camera, CameraEstimate, CameraParams, CameraStatus, GroundPlane, Homography, ImageSize, Lens,
+};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -41,6 +43,44 @@ pub struct CameraFile {
     /// All segments in the order of time. Files of older versions lack the list if they have only one segment.
     #[serde(default)]
     pub segments: Vec<CameraSegment>,
+    /// Motion of the camera: one entry per frame whose picture is displaced. The camera of a segment is that of its world
+    /// picture. Absent if the camera was at rest.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub motion: Vec<FrameMotion>,
+}
+
+/// Motion of the camera in one frame: the displacement of the picture against the world picture of its segment.
+///
+/// A point with the pixel (x, y) of the segment's camera appears in the frame at (u / w, v / w). Here (u, v, w) is the
+/// matrix times (x, y, 1).
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct FrameMotion {
+    /// Index of the frame, from 0.
+    pub frame: u64,
+    /// Presentation time of the frame, s.
+    pub time_s: f64,
+    /// The first eight numbers of the matrix, row by row. The ninth is 1.
+    pub picture_from_world: [f64; 8],
+}
+
+impl FrameMotion {
+    /// Creates the entry of a frame, with rounded numbers.
+    #[must_use]
+    pub fn new(frame: u64, time_s: f64, picture_from_world: &Homography) -> Self {
+        let digits = [8, 8, 4, 8, 8, 4, 11, 11];
+        let numbers = picture_from_world.numbers();
+        Self {
+            frame,
+            time_s: decimals(time_s, SECONDS),
+            picture_from_world: std::array::from_fn(|i| decimals(numbers[i], digits[i])),
+        }
+    }
+
+    /// Returns the mapping from pixels of the world picture to pixels of the frame; `None` if the matrix has no inverse.
+    #[must_use]
+    pub fn picture_from_world(&self) -> Option<Homography> {
+        Homography::from_numbers(self.picture_from_world)
+    }
 }
 
 /// The camera and the ground plane of one segment. A segment is an interval in which the camera is at rest.
@@ -258,12 +298,17 @@ impl CameraFile {
     }
 }
 
-/// Writes `camera.json`. `estimates` has one entry per segment, in the order of time.
+/// Writes `camera.json`. `estimates` has one entry per segment, in the order of time. `motion` has one entry per frame
+/// whose picture is displaced.
 ///
 /// # Errors
 /// [`WriteError::Malformed`] if `estimates` is empty or contains a number that is not finite; [`WriteError::Io`],
 /// [`WriteError::DiskFull`].
-pub fn write_camera(path: &Path, estimates: &[CameraEstimate]) -> Result<(), WriteError> {
+pub fn write_camera(
+    path: &Path,
+    estimates: &[CameraEstimate],
+    motion: Vec<FrameMotion>,
+) -> Result<(), WriteError> {
     let segments: Vec<CameraSegment> = estimates.iter().map(CameraSegment::new).collect();
     let span = |s: &CameraSegment| s.span_s[1] - s.span_s[0];
     // If several segments are equally long, the first of them is used.
@@ -273,7 +318,8 @@ pub fn write_camera(path: &Path, estimates: &[CameraEstimate]) -> Result<(), Wri
         return Err(WriteError::malformed(path, "a camera without a finite focal length or plane"));
     }
     let covariance_order = COVARIANCE_ORDER.map(str::to_owned).to_vec();
-    write_json(path, &CameraFile { schema: CAMERA_SCHEMA.to_owned(), camera, covariance_order, segments })
+    let schema = CAMERA_SCHEMA.to_owned();
+    write_json(path, &CameraFile { schema, camera, covariance_order, segments, motion })
 }
 
 /// Reads `camera.json`.
@@ -323,7 +369,7 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("camera.json");
         let written = estimate([0.0, 1.5]);
-        write_camera(&path, std::slice::from_ref(&written)).unwrap();
+        write_camera(&path, std::slice::from_ref(&written), Vec::new()).unwrap();
         let file = read_camera(&path).unwrap();
         assert_eq!((file.segments.len(), file.covariance_order.len()), (1, 4));
         let camera = &file.camera;
@@ -340,7 +386,8 @@ mod tests {
     fn a_moved_camera_gives_segments_and_the_longest_on_top() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("camera.json");
-        write_camera(&path, &[estimate([0.0, 1.0]), estimate([1.0, 9.0]), estimate([9.0, 10.0])]).unwrap();
+        write_camera(&path, &[estimate([0.0, 1.0]), estimate([1.0, 9.0]), estimate([9.0, 10.0])], Vec::new())
+            .unwrap();
         let file = read_camera(&path).unwrap();
         assert_eq!(file.all().len(), 3);
         assert_eq!(file.camera.span_s, [1.0, 9.0]);
@@ -350,10 +397,10 @@ mod tests {
     fn an_invalid_camera_is_rejected() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("camera.json");
-        assert!(matches!(write_camera(&path, &[]), Err(WriteError::Malformed { .. })));
+        assert!(matches!(write_camera(&path, &[], Vec::new()), Err(WriteError::Malformed { .. })));
         let mut broken = estimate([0.0, 1.0]);
         broken.params.log_focal = f64::NAN;
-        assert!(matches!(write_camera(&path, &[broken]), Err(WriteError::Malformed { .. })));
+        assert!(matches!(write_camera(&path, &[broken], Vec::new()), Err(WriteError::Malformed { .. })));
         assert!(!path.exists());
         std::fs::write(&path, r#"{"schema": "other/1"}"#).unwrap();
         assert!(matches!(read_camera(&path), Err(WriteError::Malformed { .. })));

@@ -30,7 +30,9 @@ mod summary;
 mod table;
 mod tracks;
 
-pub use camera::{CAMERA_SCHEMA, CameraFile, CameraSegment, LensFile, read_camera, write_camera};
+pub use camera::{
+    CAMERA_SCHEMA, CameraFile, CameraSegment, FrameMotion, LensFile, read_camera, write_camera,
+};
 pub use constraints::{CONSTRAINTS_SCHEMA, ConstraintsFile, LengthConstraint, read_constraints};
 pub use digits::{decimals, rounded_row};
 pub use error::WriteError;

@@ -101,7 +101,7 @@ fn write_all(folder: &Path) {
         cars_used: 4,
         frames_used: 9,
     };
-    write_camera(&folder.join("camera.json"), &[estimate]).unwrap();
+    write_camera(&folder.join("camera.json"), &[estimate], Vec::new()).unwrap();
     write_summary(&folder.join("summary.json"), &summary()).unwrap();
 }
 

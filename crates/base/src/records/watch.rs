@@ -138,4 +138,12 @@ impl WatchRecord {
     pub fn offset(&self) -> Vector2<f64> {
         Vector2::from(self.offset_px)
     }
+
+    /// Returns the mapping from pixels of a reference to pixels of the picture; `None` if the picture was not registered
+    /// on this reference.
+    #[must_use]
+    pub fn picture_from(&self, reference: u64) -> Option<Homography> {
+        let here = self.motion.iter().find(|registration| registration.reference == reference);
+        here.map(Registration::picture_from_reference)
+    }
 }

@@ -147,7 +147,7 @@ pub fn solve_file(
     if estimates.iter().any(|estimate| estimate.status == CameraStatus::Unobservable) {
         tracing::warn!("at least one camera could not be estimated: its values are those of the prior");
     }
-    Ok(write_camera(&out.with_file_name("camera.json"), &estimates)?)
+    Ok(write_camera(&out.with_file_name("camera.json"), &estimates, Vec::new())?)
 }
 
 /// Fits the cars of frames and writes their poses to a file.

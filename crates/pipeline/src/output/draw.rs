@@ -5,7 +5,7 @@ use std::iter::Peekable;
 use std::path::Path;
 
 use image::RgbImage;
-use roadplane_base::{CameraEstimate, Shape, ShapeAtlas, TrackRow};
+use roadplane_base::{CameraEstimate, Homography, Shape, ShapeAtlas, TrackRow};
 use roadplane_decode::DecodeOptions;
 use roadplane_view::{DrawnCar, GroundCells, Overlay, ReportInput, VideoSink, report_html, with_lines};
 use roadplane_write::{OutFile, Summary, read_camera, read_jsonl, read_summary};
@@ -19,17 +19,28 @@ use crate::stream::stills::Stills;
 use crate::stream::streaming::{open_input, stream};
 use crate::stream::watched::in_words;
 use crate::tracks::cars::FrameCamera;
+use crate::tracks::views::Views;
 use crate::{Cancel, Config, PipelineError, Progress};
 
 /// Duration of the trail that is drawn behind a vehicle, s.
 const TRAIL_S: f64 = 10.0;
 
+/// The results of a run that are drawn.
+#[derive(Clone, Copy)]
+pub(crate) struct Drawn<'a> {
+    /// Camera at every time.
+    pub cameras: &'a CameraTrack,
+    /// Motion of the camera.
+    pub views: &'a Views,
+    /// Shape of each track.
+    pub shapes: &'a BTreeMap<u64, Shape>,
+}
+
 /// Draws the track rows of a run onto its frames. The rows must be in the order of frames. Rows that are too old for a
 /// trail are dropped.
 pub(crate) struct Scene<'a, R: Iterator<Item = Result<TrackRow, PipelineError>>> {
-    cameras: &'a CameraTrack,
+    result: Drawn<'a>,
     atlas: &'a ShapeAtlas,
-    shapes: &'a BTreeMap<u64, Shape>,
     ground: Ground,
     coming: Peekable<R>,
     /// Rows of the last [`TRAIL_S`] seconds before the current frame.
@@ -54,14 +65,8 @@ pub(crate) fn ground_of(
 
 impl<'a, R: Iterator<Item = Result<TrackRow, PipelineError>>> Scene<'a, R> {
     /// Creates a scene from the rows of a clip and the shapes of its tracks.
-    pub(crate) fn new(
-        cameras: &'a CameraTrack,
-        rows: R,
-        shapes: &'a BTreeMap<u64, Shape>,
-        ground: Ground,
-        atlas: &'a ShapeAtlas,
-    ) -> Self {
-        Self { cameras, atlas, shapes, ground, coming: rows.peekable(), recent: VecDeque::new() }
+    pub(crate) fn new(result: Drawn<'a>, rows: R, ground: Ground, atlas: &'a ShapeAtlas) -> Self {
+        Self { result, atlas, ground, coming: rows.peekable(), recent: VecDeque::new() }
     }
 
     /// Returns a copy of a frame's picture with all drawings. Frames must be drawn in their order.
@@ -83,10 +88,14 @@ impl<'a, R: Iterator<Item = Result<TrackRow, PipelineError>>> Scene<'a, R> {
         while self.recent.front().is_some_and(|row| row.time_s < time_s - TRAIL_S) {
             self.recent.pop_front();
         }
-        let Some(estimate) = self.cameras.at(time_s) else { return Ok(picture.clone()) };
+        let Drawn { cameras, views, shapes } = self.result;
+        let Some(estimate) = cameras.at(time_s) else { return Ok(picture.clone()) };
         let view = FrameCamera::from(estimate);
         let mut overlay = Overlay::new(picture, &view.camera, &view.plane, self.atlas)?;
-        if let Some(ground) = self.ground.get(&self.cameras.segment_at(time_s)) {
+        if let Some(picture_from_world) = views.of(frame) {
+            overlay = overlay.displaced(picture_from_world);
+        }
+        if let Some(ground) = self.ground.get(&cameras.segment_at(time_s)) {
             overlay.grid(ground)?;
         }
         let mut trails: BTreeMap<u64, Vec<[f64; 2]>> = BTreeMap::new();
@@ -95,7 +104,7 @@ impl<'a, R: Iterator<Item = Result<TrackRow, PipelineError>>> Scene<'a, R> {
         }
         let rows: Vec<&TrackRow> = self.recent.iter().filter(|row| row.frame == frame).collect();
         for row in &rows {
-            let shape = self.shapes.get(&row.track).copied().unwrap_or_else(Shape::zeros);
+            let shape = shapes.get(&row.track).copied().unwrap_or_else(Shape::zeros);
             let trail = trails.get(&row.track).map(Vec::as_slice).unwrap_or_default();
             overlay.car(&DrawnCar { row, shape: &shape, trail })?;
         }
@@ -131,7 +140,8 @@ pub(crate) fn write_report(
 ) -> Result<(), PipelineError> {
     let &ReportPictures { samples, stills, background, is_thinned } = seen;
     let rows = || solution.rows.iter().cloned().map(Ok);
-    let mut scene = Scene::new(&solution.cameras, rows(), &solution.shapes, ground_of(rows())?, atlas);
+    let result = Drawn { cameras: &solution.cameras, views: &solution.views, shapes: &solution.shapes };
+    let mut scene = Scene::new(result, rows(), ground_of(rows())?, atlas);
     let drawn: Vec<(u64, RgbImage)> = samples
         .iter()
         .map(|(frame, time_s, picture)| Ok((*frame, scene.draw(*frame, *time_s, picture)?)))
@@ -151,12 +161,16 @@ pub(crate) fn write_report(
                 .to_owned(),
         );
     }
+    let small = stills.frames();
+    let still_motion: Vec<Option<[f64; 8]>> =
+        small.iter().map(|still| solution.views.at_ms(still.time_ms).map(Homography::numbers)).collect();
     let page = report_html(&ReportInput {
         title,
         cameras: solution.cameras.estimates(),
         rows: &solution.rows,
         samples: &drawn,
-        stills: &stills.frames(),
+        stills: &small,
+        still_motion: &still_motion,
         views: &stills.views(&solution.rows),
         reprojection_rms_px: &solution.reprojection_rms_px,
         facts: &facts,
@@ -216,7 +230,7 @@ fn facts_of(summary: &Summary) -> Vec<(String, String)> {
 pub(crate) fn draw_video(
     input: &Path,
     run: &Path,
-    (cameras, shapes): (&CameraTrack, &BTreeMap<u64, Shape>),
+    result: Drawn<'_>,
     video: &Path,
     config: &Config,
     cancel: &Cancel,
@@ -226,7 +240,7 @@ pub(crate) fn draw_video(
         Ok(read_jsonl::<TrackRow>(&run.join("tracks.jsonl"))?.map(|row| Ok(row?)))
     };
     let atlas = ShapeAtlas::shipped()?;
-    let mut scene = Scene::new(cameras, rows()?, shapes, ground_of(rows()?)?, &atlas);
+    let mut scene = Scene::new(result, rows()?, ground_of(rows()?)?, &atlas);
     let input = open_input(input, config)?;
     let size = input.size();
     let frames_per_s = input.nominal_fps() / f64::from(config.decode.stride.max(1));
@@ -254,9 +268,9 @@ pub fn render_run(
     progress: &dyn Progress,
 ) -> Result<bool, PipelineError> {
     let config = &as_run(run, config)?;
-    let estimates: Vec<CameraEstimate> =
-        read_camera(&run.join("camera.json"))?.all().iter().map(|segment| segment.estimate()).collect();
-    let cameras = CameraTrack::from_estimates(estimates);
+    let file = read_camera(&run.join("camera.json"))?;
+    let estimates: Vec<CameraEstimate> = file.all().iter().map(|segment| segment.estimate()).collect();
+    let (cameras, views) = (CameraTrack::from_estimates(estimates), Views::from_file(&file.motion));
     let mut shapes = BTreeMap::new();
     for pose in read_jsonl::<roadplane_base::PoseRecord>(&run.join("poses.jsonl"))? {
         let pose = pose?;
@@ -264,7 +278,8 @@ pub fn render_run(
             shapes.insert(track, Shape::from(pose.shape));
         }
     }
-    draw_video(input, run, (&cameras, &shapes), video, config, cancel, progress)
+    let result = Drawn { cameras: &cameras, views: &views, shapes: &shapes };
+    draw_video(input, run, result, video, config, cancel, progress)
 }
 
 /// Returns `config` with the `[decode]` settings of a finished run, because only the frames that the run read have
@@ -296,11 +311,11 @@ mod tests {
         };
         let rows: Vec<TrackRow> = (0..600).map(row).collect();
         let ground = || ground_of(rows.iter().cloned().map(Ok)).unwrap();
-        let (atlas, shapes) = (ShapeAtlas::shipped().unwrap(), BTreeMap::new());
+        let (atlas, shapes, views) = (ShapeAtlas::shipped().unwrap(), BTreeMap::new(), Views::default());
         let cameras = CameraTrack::from_estimates(vec![estimate([0.01; 4])]);
         let scene = |from: usize| {
             let rows = rows[from..].iter().cloned().map(Ok);
-            Scene::new(&cameras, rows, &shapes, ground(), &atlas)
+            Scene::new(Drawn { cameras: &cameras, views: &views, shapes: &shapes }, rows, ground(), &atlas)
         };
         let empty = RgbImage::new(1280, 720);
         let (mut whole, mut last) = (scene(0), empty.clone());

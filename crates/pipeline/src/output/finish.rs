@@ -13,7 +13,7 @@ use roadplane_write::{
 use crate::cameras::memory::EVIDENCE;
 use crate::estimation::{ClipSolution, Given, solve_constrained_clip};
 use crate::identity::{peak_memory_bytes, versions};
-use crate::output::draw::{ReportPictures, draw_video, write_report};
+use crate::output::draw::{Drawn, ReportPictures, draw_video, write_report};
 use crate::output::track_rows::{ShownRows, TrackRows};
 use crate::stream::perception::{Job, Perceived, SPOOL};
 use crate::stream::speed::Meter;
@@ -83,7 +83,10 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
     summary.speed = meter.as_mut().map(Meter::speed);
     if options.video {
         progress.phase("drawing");
-        let (drawn, video) = ((&solution.cameras, &solution.shapes), folder.join("annotated.mp4"));
+        let (drawn, video) = (
+            Drawn { cameras: &solution.cameras, views: &solution.views, shapes: &solution.shapes },
+            folder.join("annotated.mp4"),
+        );
         draw_video(input, folder, drawn, &video, config, cancel, &Silent)?;
     }
     write_summary(&folder.join("summary.json"), &summary)?;
@@ -144,7 +147,7 @@ pub fn note_solution(summary: &mut Summary, solution: &ClipSolution) {
 
 /// Writes `camera.json` and, if the camera has a position on the map, `place.json`.
 pub(crate) fn write_camera_and_place(folder: &Path, solution: &ClipSolution) -> Result<(), PipelineError> {
-    write_camera(&folder.join("camera.json"), solution.cameras.estimates())?;
+    write_camera(&folder.join("camera.json"), solution.cameras.estimates(), solution.views.to_file())?;
     if let Some(place) = &solution.place {
         write_json(&folder.join("place.json"), &place.fit)?;
     }

@@ -18,6 +18,9 @@ pub struct ReportInput<'a> {
     pub samples: &'a [(u64, RgbImage)],
     /// Small frames for the interactive player of the report, in the order of time. The list may be empty.
     pub stills: &'a [Still],
+    /// Motion of the camera at each small frame: the first eight numbers of the matrix from pixels of the camera to pixels
+    /// of the frame. `None`, or a missing item, is a frame at rest.
+    pub still_motion: &'a [Option<[f64; 8]>],
     /// Small pictures of single tracks, in the order of time.
     pub views: &'a [TrackStill],
     /// Reprojection error of each pose that belongs to a track: the root mean square over the keypoints, px.

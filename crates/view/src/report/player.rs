@@ -35,8 +35,9 @@ struct Data<'a> {
     size: [u32; 2],
     /// Left, right, bottom and top edges of the initial view from above in world coordinates, m.
     view: [Rounded<1>; 4],
-    /// Each small frame: its time, s, and its JPEG file in base64.
-    frames: Vec<(Rounded<3>, String)>,
+    /// Each small frame: its time, s, its JPEG file in base64, and the motion of the camera. The motion has the first
+    /// eight numbers of the matrix from pixels of the segment's camera to pixels of the frame. It is null at rest.
+    frames: Vec<(Rounded<3>, String, Option<[f64; 8]>)>,
     segments: Vec<Segment>,
     /// Name, displayed text and colour of each activity, in the order of the legend.
     activities: Vec<(&'a str, String, String)>,
@@ -109,7 +110,15 @@ pub(super) fn player(input: &ReportInput<'_>) -> Result<String, ViewError> {
     let data = Data {
         size: first.image_size_px.into(),
         view: bounds(input.rows).map(Rounded),
-        frames: input.stills.iter().map(inlined).collect(),
+        frames: input
+            .stills
+            .iter()
+            .enumerate()
+            .map(|(i, still)| {
+                let (time, jpeg) = inlined(still);
+                (time, jpeg, input.still_motion.get(i).copied().flatten())
+            })
+            .collect(),
         segments: input.cameras.iter().map(segment).collect(),
         activities: SHOWN
             .into_iter()

@@ -96,6 +96,12 @@ const playerDraw = (data) => {
     g.fillStyle = "#1d2126";
     g.fillRect(0, 0, width, height);
     if (image?.complete && image.naturalWidth) g.drawImage(image, 0, 0, width, height);
+    const motion = data.frames.find(([t]) => Math.abs(t - time) < 1e-3)?.[2];
+    const moved = ([x, y]) => {
+      if (!motion) return [x, y];
+      const [a, b, c, d, e, f, h, k] = motion, w = h * x + k * y + 1;
+      return [(a * x + b * y + c) / w, (d * x + e * y + f) / w];
+    };
     const project = (segment) => ([x, y, z = 0]) => {
       const { p, lens: [cx, cy, distortion] } = data.segments[segment] ?? data.segments[0];
       const w = p[8] * x + p[9] * y + p[10] * z + p[11];
@@ -104,7 +110,7 @@ const playerDraw = (data) => {
       // Distortion about the principal point (division model).
       const square = (u - cx) ** 2 + (v - cy) ** 2;
       const scaled = 2 / (1 + Math.sqrt(Math.max(0, 1 - 4 * distortion * square)));
-      return [(cx + (u - cx) * scaled) * scale, (cy + (v - cy) * scaled) * scale];
+      return moved([cx + (u - cx) * scaled, cy + (v - cy) * scaled]).map((v) => v * scale);
     };
     const boxes = [];
     const chosen = data.tracks.find((track) => track.id === selected);

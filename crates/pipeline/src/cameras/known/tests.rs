@@ -179,7 +179,7 @@ fn our_own_cameras_come_with_their_covariance() {
             frames_used: 9,
         };
         let path = folder.path().join("camera.json");
-        write_camera(&path, &[estimate]).unwrap();
+        write_camera(&path, &[estimate], Vec::new()).unwrap();
         CameraConstraints::new(&ConstraintOptions { camera: Some(&path), ..ConstraintOptions::default() })
     };
     // One height includes the uncertainty of the cars' size, the other was measured.
