@@ -45,6 +45,7 @@ fn frame() -> FrameRecord {
             homography: Some([1.0, 0.01, 3.5, -0.01, 1.0, -2.0, 1e-5, 0.0]),
             sd_px: 0.2,
         }],
+        place: None,
         picture_from_world: None,
     };
     FrameRecord {

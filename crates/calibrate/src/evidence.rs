@@ -41,7 +41,7 @@ pub struct Window {
     pub frames: usize,
     /// Views for the joint solve, best first.
     pub views: Vec<View>,
-    /// Index of the camera position, from 0.
+    /// Index of the camera position, from 0. Where the camera returns to a position, it has the same index again.
     pub segment: usize,
     /// How that camera position began.
     pub start: SegmentStart,
@@ -135,7 +135,8 @@ impl EvidenceBuilder {
             MoveState::Moved(start) => {
                 let window = self.close();
                 self.linker.reset();
-                self.segment += 1;
+                let place = frame.watch.as_ref().and_then(|watch| watch.place);
+                self.segment = place.unwrap_or(self.segment + 1);
                 self.start = start;
                 self.first_of_segment = true;
                 self.settle(false);

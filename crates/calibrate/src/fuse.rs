@@ -155,8 +155,10 @@ pub fn fuse(windows: &[WindowEstimate], options: &FuseOptions) -> Vec<CameraEsti
 /// Result of joining windows.
 #[derive(Clone, Debug)]
 pub struct Joined {
-    /// Estimates of the camera, in the order of time.
+    /// Estimates of the camera, in the order of positions and then of time.
     pub estimates: Vec<CameraEstimate>,
+    /// Index of the camera position of each estimate.
+    pub segments: Vec<usize>,
     /// Log of the size of the site's cars relative to the atlas; 0 where only cars determine the scale.
     pub size_of_cars: f64,
 }
@@ -165,7 +167,8 @@ pub struct Joined {
 #[must_use]
 pub fn join(windows: &[WindowEstimate], options: &FuseOptions) -> Joined {
     let mut usable: Vec<&WindowEstimate> = windows.iter().filter(|w| is_usable(w)).collect();
-    usable.sort_by(|a, b| a.span_s[0].total_cmp(&b.span_s[0]));
+    // Windows of a position to which the camera returns come together.
+    usable.sort_by(|a, b| a.segment.cmp(&b.segment).then(a.span_s[0].total_cmp(&b.span_s[0])));
     let mut nodes = Vec::new();
     for segment in usable.chunk_by(|a, b| a.segment == b.segment) {
         let mut start = Some(segment[0].start);
@@ -190,8 +193,10 @@ pub fn join(windows: &[WindowEstimate], options: &FuseOptions) -> Joined {
     }
     let (groups, nodes): (Vec<_>, Vec<_>) = nodes.into_iter().unzip();
     let (nodes, states) = with_clues(&groups, nodes, options);
+    let segments = groups.iter().map(|group| group.first().map_or(0, |window| window.segment)).collect();
     let pieces = groups.iter().zip(&nodes).zip(&states);
     Joined {
+        segments,
         estimates: pieces.map(|((group, node), state)| estimate(group, node, state, options)).collect(),
         size_of_cars: states.last().map_or(0.0, Gaussian::size_of_cars),
     }

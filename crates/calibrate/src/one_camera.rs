@@ -128,6 +128,7 @@ impl<I> OneCamera<I> {
             let is_old = self.places.count() == 0;
             watch.left_out = is_lost && !is_blind;
             if !is_old {
+                watch.place = Some(place);
                 let cut =
                     CameraMove { kind: MoveKind::Cut, since_frame, since_s, shift_px: None, log_scale: None };
                 watch.moved = first_of_place.then_some(cut);

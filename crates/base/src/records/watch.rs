@@ -68,6 +68,10 @@ pub struct WatchRecord {
     /// stored in files: `OneCamera` of the crate `calibrate` sets it.
     #[serde(skip)]
     pub left_out: bool,
+    /// Index of the place that the picture shows, from 0. A camera that returns to a place shows the same place again. It
+    /// is not stored in files: `OneCamera` of the crate `calibrate` sets it.
+    #[serde(skip)]
+    pub place: Option<usize>,
     /// Mapping from pixels of the camera's first picture to pixels of this picture. Boxes and keypoints of a frame refer
     /// to the first picture where this is set. It is not stored in files: `OneCamera` of the crate `calibrate` sets it.
     #[serde(skip)]

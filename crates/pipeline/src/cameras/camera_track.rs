@@ -11,8 +11,8 @@ use crate::cameras::witnesses::SceneView;
 pub struct CameraTrack {
     /// Estimates, one per interval, in the order of time.
     pub(super) estimates: Vec<CameraEstimate>,
-    /// Times at which the camera positions after the first began, s.
-    pub(super) moves_s: Vec<f64>,
+    /// Visits of the camera to its positions, in the order of time.
+    pub(super) visits: Vec<Visit>,
     /// Evidence of this clip alone, for the camera database.
     pub(super) said: Option<CameraEvidence>,
     /// Log of the size of the site's cars relative to the atlas.
@@ -21,6 +21,51 @@ pub struct CameraTrack {
     pub(super) known: Vec<ConstraintSummary>,
     /// Vertical lines and parallel cars, by camera position.
     pub(super) scene: Vec<SceneView>,
+}
+
+/// An interval in which the camera is at one position.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Visit {
+    /// Index of the position, from 0.
+    pub position: usize,
+    /// First and last time, s.
+    pub span_s: [f64; 2],
+}
+
+/// Returns the index of the camera position at a time.
+pub(super) fn position_at(visits: &[Visit], time_s: f64) -> usize {
+    let begun = visits.iter().take_while(|visit| visit.span_s[0] <= time_s).last();
+    begun.or(visits.first()).map_or(0, |visit| visit.position)
+}
+
+/// Returns the estimates in the order of time, one or more for each visit to a position. `segments` are the positions of
+/// the estimates.
+pub(super) fn by_visits(
+    estimates: Vec<CameraEstimate>,
+    segments: &[usize],
+    visits: &[Visit],
+) -> Vec<CameraEstimate> {
+    let mut all = Vec::new();
+    for (i, visit) in visits.iter().enumerate() {
+        let [from_s, to_s] = visit.span_s;
+        let of_position =
+            || estimates.iter().zip(segments).filter(|(_, s)| **s == visit.position).map(|(e, _)| e);
+        if visits.iter().enumerate().all(|(k, other)| k == i || other.position != visit.position) {
+            all.extend(of_position().cloned());
+            continue;
+        }
+        let away = |e: &CameraEstimate| (e.span_s[0] - to_s).max(from_s - e.span_s[1]).max(0.0);
+        let nearest = of_position().map(&away).fold(f64::INFINITY, f64::min);
+        all.extend(of_position().filter(|e| away(e) <= nearest).map(|e| CameraEstimate {
+            span_s: if nearest > 0.0 {
+                visit.span_s
+            } else {
+                [e.span_s[0].max(from_s), e.span_s[1].min(to_s)]
+            },
+            ..e.clone()
+        }));
+    }
+    if visits.is_empty() { estimates } else { all }
 }
 
 impl CameraTrack {
@@ -55,10 +100,16 @@ impl CameraTrack {
         &self.scene
     }
 
+    /// Returns the index of the last camera position, from 0.
+    #[must_use]
+    pub fn last_position(&self) -> usize {
+        self.visits.last().map_or(0, |visit| visit.position)
+    }
+
     /// Returns the number of camera moves.
     #[must_use]
     pub fn moves(&self) -> usize {
-        self.moves_s.len()
+        self.visits.len().saturating_sub(1)
     }
 
     /// Returns one estimate per interval, in the order of time; never empty.
@@ -67,10 +118,10 @@ impl CameraTrack {
         &self.estimates
     }
 
-    /// Returns the index of the camera position at a time, from 0.
+    /// Returns the index of the camera position at a time, from 0. All visits to a position have the same index.
     #[must_use]
     pub fn position_at(&self, time_s: f64) -> usize {
-        self.moves_s.iter().filter(|from_s| **from_s <= time_s).count()
+        position_at(&self.visits, time_s)
     }
 
     /// Returns the estimate whose interval contains a time, or else the nearest one.

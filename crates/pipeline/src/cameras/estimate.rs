@@ -8,7 +8,7 @@ use roadplane_calibrate::{
     EvidenceBuilder, EvidenceOptions, FuseOptions, Joined, Window, epochs, fuse, join,
 };
 
-use crate::cameras::camera_track::CameraTrack;
+use crate::cameras::camera_track::{CameraTrack, Visit, by_visits, position_at};
 use crate::cameras::joining::{
     factors_by_position, factors_of_window, fuse_options, nothing_seen, unobservable,
 };
@@ -44,18 +44,19 @@ pub fn estimate_cameras(
     // The camera database, and the comparison with user constraints, use solves without these constraints.
     let mut untold = Solving::new(atlas, config);
     let mut told: Option<Solving<'_>> = None;
-    let mut moves_s: Vec<f64> = Vec::new();
+    let mut visits: Vec<Visit> = Vec::new();
     let mut size = None;
     let mut span_s = [f64::INFINITY, f64::NEG_INFINITY];
     let mut frame_count = 0;
     let mut scene_lines = ToldLines::default();
     let mut take = |window: Option<Window>, size: ImageSize, lens: Lens, known: &CameraConstraints| {
         let Some(window) = window else { return };
-        if window.segment > moves_s.len() {
-            moves_s.push(window.span_s[0]);
+        match visits.last_mut() {
+            Some(visit) if visit.position == window.segment => visit.span_s[1] = window.span_s[1],
+            _ => visits.push(Visit { position: window.segment, span_s: window.span_s }),
         }
         let focal_px = known.focal_px();
-        let factors = factors_of_window(&known.factors(moves_s.len(), size));
+        let factors = factors_of_window(&known.factors(window.segment, size));
         if told.is_none() && !factors.is_empty() {
             told = Some(untold.clone());
         }
@@ -86,10 +87,10 @@ pub fn estimate_cameras(
         take(builder.push(frame), image_size, lens.lens(), &known);
     }
     let (Some(size), Some(lens)) = (size, lens) else {
-        return Ok(CameraTrack { moves_s, ..CameraTrack::default() });
+        return Ok(CameraTrack { visits, ..CameraTrack::default() });
     };
     take(builder.finish(), size, lens.lens(), &known);
-    let position = moves_s.len();
+    let position = visits.last().map_or(0, |visit| visit.position);
     let (mut untold, parked, headings) = (untold.windows, untold.parked, untold.headings);
     let mut fuse_options = lens.count(&untold, fuse_options(size, position, &known, config));
     let (mut told, told_headings) = told.map(|told| (told.windows, told.headings)).unzip();
@@ -109,7 +110,7 @@ pub fn estimate_cameras(
             windows.push(nothing_seen(&fuse_options, span_s, 0));
         }
     }
-    let position_at = |time_s: f64| moves_s.iter().filter(|from_s| **from_s <= time_s).count();
+    let position_at = |time_s: f64| position_at(&visits, time_s);
     let lines =
         if config.solve.use_verticals { scene_lines.by_position(position_at) } else { BTreeMap::new() };
     let mut heard = Heard { lines, headings };
@@ -120,7 +121,8 @@ pub fn estimate_cameras(
     } else {
         hear_witnesses(&mut untold, &heard, &mut fuse_options)
     };
-    let Joined { mut estimates, size_of_cars } = join(told.as_ref().unwrap_or(&untold), &fuse_options);
+    let Joined { estimates, segments, size_of_cars } = join(told.as_ref().unwrap_or(&untold), &fuse_options);
+    let mut estimates = by_visits(estimates, &segments, &visits);
     if estimates.is_empty() {
         estimates.push(unobservable(&fuse_options, span_s, size));
         tracing::warn!("the camera cannot be estimated from the cars of {frame_count} frames");
@@ -130,7 +132,7 @@ pub fn estimate_cameras(
         and_witnesses(&mut factors, &scene);
         fuse(&untold, &FuseOptions { factors, ..fuse_options.clone() }).into_iter().next()
     });
-    Ok(CameraTrack { estimates, moves_s, said, size_of_cars, known, scene })
+    Ok(CameraTrack { estimates, visits, said, size_of_cars, known, scene })
 }
 
 /// Returns the camera before any car is used: the prior and the user constraints.

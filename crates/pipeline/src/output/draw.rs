@@ -148,7 +148,8 @@ pub(crate) fn write_report(
         .collect::<Result<_, PipelineError>>()?;
     // The background image shows the scene from the last position of the camera.
     let lines = background.and_then(|background| {
-        let view = solution.cameras.scene().iter().find(|view| view.position == solution.cameras.moves())?;
+        let view =
+            solution.cameras.scene().iter().find(|view| view.position == solution.cameras.last_position())?;
         let upright = &view.verticals.as_ref()?.upright;
         Some(with_lines(background, view.lines.iter().zip(upright.iter().copied())))
     });

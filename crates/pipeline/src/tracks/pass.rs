@@ -62,22 +62,20 @@ impl Pass<'_> {
         tally: &mut Tally,
         mut sink: impl FnMut(&PoseRecord) -> Result<(), PipelineError>,
     ) -> Result<(Vec<Track>, Views), PipelineError> {
-        let mut tracker = Tracker::new(self.config.track.clone());
-        let mut tracks = Vec::new();
+        // Coordinates of different camera positions are unrelated, so each position has its own tracker. Where the camera
+        // returns to a position, its tracks go on.
+        let mut at_position: BTreeMap<usize, Followed> = BTreeMap::new();
         let mut views = Views::default();
-        let mut position = None;
-        let mut looked_s = Vec::new();
         let mut looks = CarriedPoses::default();
         for frame in frames {
             let frame = frame?;
             let own = stretch.holds(frame.time_s);
             let Some(estimate) = self.cameras.at(frame.time_s) else { continue };
-            // Coordinates of different camera positions are unrelated, so tracks end where the camera was moved.
-            let here = self.cameras.position_at(frame.time_s);
-            if position.replace(here).is_some_and(|before| before != here) {
-                let ended = std::mem::replace(&mut tracker, Tracker::new(self.config.track.clone()));
-                append(&mut tracks, ended.finish(&Looked { pass: self, looked_s: &looked_s, views: &views }));
-            }
+            let position = self.cameras.position_at(frame.time_s);
+            let Followed { tracker, looked_s } = at_position.entry(position).or_insert_with(|| Followed {
+                tracker: Tracker::new(self.config.track.clone()),
+                looked_s: Vec::new(),
+            });
             views.add(&frame);
             let picture_px = frame.picture_px();
             let view = FrameCamera::from(estimate);
@@ -164,7 +162,10 @@ impl Pass<'_> {
             }
             tracker.push(&FrameMeasurements { stamp, looked, cars, held, seen_again, boxes });
         }
-        append(&mut tracks, tracker.finish(&Looked { pass: self, looked_s: &looked_s, views: &views }));
+        let mut tracks = Vec::new();
+        for Followed { tracker, looked_s } in at_position.into_values() {
+            append(&mut tracks, tracker.finish(&Looked { pass: self, looked_s: &looked_s, views: &views }));
+        }
         for (id, track) in (1..).zip(&mut tracks) {
             track.id = id;
         }
@@ -206,6 +207,13 @@ impl Pass<'_> {
             dims_m: Some([found.dims_m, found.dims_sd_m]),
         })
     }
+}
+
+/// The tracks of one camera position.
+struct Followed {
+    tracker: Tracker,
+    /// Times of the inference frames, in order, s.
+    looked_s: Vec<f64>,
 }
 
 /// Adds tracks of a later camera position; their numbers continue.
