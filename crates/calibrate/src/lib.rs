@@ -14,6 +14,7 @@
 //!             → fuse → one CameraEstimate per interval
 //! SceneLine → verticals → Factor, with beside_a_witness(windows) → fuse     focal length from vertical lines
 //! CarHeading → parallel → Factor → fuse                                     focal length from parallel cars
+//! Registration → PlacesBuilder → Turns → Factor → fuse   focal length from turns and zooms
 //! SceneCurve → LensView → lens distortion and its sd, before any solve
 //! CameraEvidence of other clips → epochs → more WindowEstimates for fuse    camera database
 //! ```
@@ -35,6 +36,7 @@ mod prior;
 mod remember;
 mod select;
 mod stretch;
+mod turns;
 mod verticals;
 mod witness;
 
@@ -50,5 +52,6 @@ pub use places::{Places, PlacesBuilder};
 pub use prior::FusePrior;
 pub use remember::{Epoch, SameView, epochs, joins, same_vehicle};
 pub use select::{SelectOptions, View, ViewSelector};
+pub use turns::Turns;
 pub use verticals::{Verticals, verticals};
 pub use witness::beside_a_witness;

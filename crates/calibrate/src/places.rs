@@ -9,6 +9,8 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use roadplane_base::{FrameRecord, Homography, ImageSize};
 
+use crate::turns::{Misfit, Turns};
+
 /// Least time for which pictures must lie on the references of a place, s. A flash or a lorry in front of the camera is
 /// shorter.
 const MIN_PLACE_S: f64 = 1.0;
@@ -38,6 +40,7 @@ pub struct PlacesBuilder {
     /// Homography from the first reference to the second.
     links: BTreeMap<(u64, u64), Link>,
     pictures: BTreeMap<u64, Pictures>,
+    misfits: BTreeMap<u64, Misfit>,
     size: Option<ImageSize>,
 }
 
@@ -46,6 +49,9 @@ impl PlacesBuilder {
     pub fn push(&mut self, frame: &FrameRecord) {
         let Some(watch) = frame.watch.as_ref().filter(|watch| watch.looked) else { return };
         self.size = Some(frame.image_size_px);
+        if let Some(registration) = watch.motion.first() {
+            self.misfits.entry(registration.reference).or_default().add(frame, registration);
+        }
         for (i, a) in watch.motion.iter().enumerate() {
             let (time_s, start) =
                 (frame.time_s, Pictures { count: 0, first_s: frame.time_s, last_s: frame.time_s });
@@ -86,6 +92,7 @@ impl PlacesBuilder {
             let lasts = last_s - first_s >= MIN_PLACE_S && count_of(place) >= MIN_PICTURES;
             lasts || Some(count_of(place)) == most
         });
+        let turns = found.iter().map(|place| self.turns_at(place)).collect();
         let numbered = found.into_iter().enumerate();
         let references = numbered
             .flat_map(|(place, references)| {
@@ -94,7 +101,20 @@ impl PlacesBuilder {
                 })
             })
             .collect();
-        Places { references }
+        Places { references, turns }
+    }
+
+    /// Returns the focal length from the turns at a place; `None` if they do not determine it.
+    fn turns_at(&self, place: &BTreeMap<u64, Homography>) -> Option<Turns> {
+        let size = self.size?;
+        let mut all = Misfit::default();
+        for (reference, reference_from_world) in place {
+            if let Some(misfit) = self.misfits.get(reference) {
+                let log_scale = reference_from_world.similarity(&size.picture_px()).log_scale();
+                all.join(misfit, log_scale);
+            }
+        }
+        all.solve(size)
     }
 
     /// Returns the reference with the strongest link to a place, and its position.
@@ -129,12 +149,19 @@ pub(crate) struct Placed {
 #[derive(Clone, Debug, Default)]
 pub struct Places {
     references: BTreeMap<u64, Placed>,
+    /// Focal length from the turns at each place.
+    turns: Vec<Option<Turns>>,
 }
 
 impl Places {
     /// Returns the position of a reference; `None` if it shows no place for long enough.
     pub(crate) fn placed(&self, reference: u64) -> Option<&Placed> {
         self.references.get(&reference)
+    }
+
+    /// Returns the focal length from the turns of the camera, by place. Places without such turns are missing.
+    pub fn turns(&self) -> impl Iterator<Item = (usize, Turns)> + '_ {
+        self.turns.iter().enumerate().filter_map(|(place, turns)| Some((place, (*turns)?)))
     }
 
     /// Returns the number of places.

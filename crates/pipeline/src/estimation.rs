@@ -180,7 +180,7 @@ pub(crate) fn solve_constrained_clip(
         }
     });
     let mut cameras =
-        estimate_cameras(counted, &read_scene_curves(frames)?, atlas, constraints, history, config)?;
+        estimate_cameras(counted, &read_scene_curves(frames)?, &places, atlas, constraints, history, config)?;
     let mut warnings = warnings_of(&cameras);
     let place = site.and_then(|site| {
         let place = cameras.put_on_map(site);

@@ -71,7 +71,7 @@ pub struct Summary {
     /// there are no user constraints.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub known: Vec<ConstraintSummary>,
-    /// Vertical lines and parallel cars as evidence on the camera, one entry per camera segment. Absent if there are no
+    /// Vertical lines, parallel cars and turns as evidence on the camera, one entry per camera position. Absent if there are no
     /// entries.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub scene_lines: Vec<SceneLinesSummary>,
@@ -115,11 +115,10 @@ pub struct ConstraintSummary {
     pub apart_sds: f64,
 }
 
-/// Vertical lines and parallel cars in one camera segment, and their use in the estimate of the camera. A camera
-/// segment is an interval in which the camera is at rest.
+/// Vertical lines, parallel cars and turns of the camera at one position of the camera, and their use in its estimate.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SceneLinesSummary {
-    /// Index of the camera segment, from 0. Each camera move starts a new segment.
+    /// Index of the camera position, from 0. A camera that returns to a position has the same index again.
     pub segment: usize,
     /// Number of straight edges in the picture that may be vertical in the scene.
     pub found: usize,
@@ -132,6 +131,14 @@ pub struct SceneLinesSummary {
     /// Number of parallel cars that constrain the focal length. It is 0 if too few cars are parallel.
     #[serde(default)]
     pub parallel_cars: usize,
+    /// Focal length from turns and zooms of the camera, px. Absent if the camera did not turn far enough.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub turn_focal_px: Option<f64>,
+    /// Standard deviation of `turn_focal_px`, px.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0))]
+    pub turn_focal_sd_px: Option<f64>,
 }
 
 /// A neural net that ran.

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use roadplane_base::{CameraEstimate, FrameRecord, ImageSize, Lens, SceneCurve, ShapeAtlas};
 use roadplane_calibrate::{
-    EvidenceBuilder, EvidenceOptions, FuseOptions, Joined, Window, epochs, fuse, join,
+    EvidenceBuilder, EvidenceOptions, FuseOptions, Joined, Places, Turns, Window, epochs, fuse, join,
 };
 
 use crate::cameras::camera_track::{CameraTrack, Visit, by_visits, position_at};
@@ -30,6 +30,7 @@ use crate::{Config, PipelineError};
 pub fn estimate_cameras(
     frames: impl Iterator<Item = Result<FrameRecord, PipelineError>>,
     curves: &[SceneCurve],
+    places: &Places,
     atlas: &ShapeAtlas,
     known: &CameraConstraints,
     recall: Option<&CameraHistory>,
@@ -105,7 +106,8 @@ pub fn estimate_cameras(
         }
         Some(said)
     });
-    if !known.is_silent() {
+    let turns: BTreeMap<usize, Turns> = places.turns().collect();
+    if !known.is_silent() || !turns.is_empty() {
         for windows in told.iter_mut().chain([&mut untold]).filter(|windows| windows.is_empty()) {
             windows.push(nothing_seen(&fuse_options, span_s, 0));
         }
@@ -113,7 +115,7 @@ pub fn estimate_cameras(
     let position_at = |time_s: f64| position_at(&visits, time_s);
     let lines =
         if config.solve.use_verticals { scene_lines.by_position(position_at) } else { BTreeMap::new() };
-    let mut heard = Heard { lines, headings };
+    let mut heard = Heard { lines, headings, turns };
     let scene = if let Some(told) = &mut told {
         hear_witnesses(&mut untold, &heard, &mut fuse_options.for_cars());
         heard.headings = told_headings.unwrap_or_default();

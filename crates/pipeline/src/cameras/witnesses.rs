@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use roadplane_base::{CameraEstimate, Factor, FrameRecord, SceneLine};
 use roadplane_calibrate::{
-    CarHeading, FuseOptions, Parallel, Verticals, WindowEstimate, beside_a_witness, condense, fuse, parallel,
-    verticals,
+    CarHeading, FuseOptions, Parallel, Turns, Verticals, WindowEstimate, beside_a_witness, condense, fuse,
+    parallel, verticals,
 };
 use roadplane_write::SceneLinesSummary;
 
@@ -35,6 +35,8 @@ pub(crate) struct Heard {
     pub lines: BTreeMap<usize, Vec<SceneLine>>,
     /// Headings of cars.
     pub headings: BTreeMap<usize, Vec<CarHeading>>,
+    /// Focal length from turns and zooms.
+    pub turns: BTreeMap<usize, Turns>,
 }
 
 /// The data of one camera position, and the factors from them.
@@ -48,6 +50,8 @@ pub struct SceneView {
     pub verticals: Option<Verticals>,
     /// Focal length from parallel cars; `None` where the poses of cars determine it better.
     pub parallel: Option<Parallel>,
+    /// Focal length from turns and zooms of the camera; `None` where they do not determine it.
+    pub turns: Option<Turns>,
 }
 
 impl SceneView {
@@ -61,6 +65,8 @@ impl SceneView {
             upright: upright.count(),
             gain: self.verticals.as_ref().map(|found| (10.0 * found.gain).round() / 10.0),
             parallel_cars: self.parallel.map_or(0, |found| found.cars),
+            turn_focal_px: self.turns.map(|found| (10.0 * found.focal_px).round() / 10.0),
+            turn_focal_sd_px: self.turns.map(|found| (10.0 * found.focal_px * found.log_sd).round() / 10.0),
         }
     }
 }
@@ -79,17 +85,24 @@ pub(crate) fn hear_witnesses(
     options: &mut FuseOptions,
 ) -> Vec<SceneView> {
     let mut views = Vec::new();
-    let positions: BTreeSet<usize> = heard.lines.keys().chain(heard.headings.keys()).copied().collect();
+    let positions: BTreeSet<usize> =
+        heard.lines.keys().chain(heard.headings.keys()).chain(heard.turns.keys()).copied().collect();
     for position in positions {
         let lines = heard.lines.get(&position).cloned().unwrap_or_default();
         let headings = heard.headings.get(&position).map_or(&[][..], Vec::as_slice);
         let here: Vec<WindowEstimate> = windows.iter().filter(|w| w.segment == position).cloned().collect();
-        let mut view = SceneView { position, lines, verticals: None, parallel: None };
+        let turns = heard.turns.get(&position).copied();
+        let mut view = SceneView { position, lines, verticals: None, parallel: None, turns: None };
         if let (false, [cars], Some(together)) =
             (options.focal_given, &fuse(&here, options)[..], condense(&here, options))
         {
             let mut beside = together.clone();
             let mut cars = cars.clone();
+            view.turns = turns;
+            if let Some(found) = view.turns {
+                add_clue(&mut options.factors, position, found.factor());
+                (cars, beside) = beside_clues(&together, cars, options);
+            }
             view.parallel = parallel(headings, cars.covariance[(0, 0)].sqrt());
             if let Some(found) = view.parallel {
                 add_clue(&mut options.factors, position, found.factor);
@@ -100,13 +113,13 @@ pub(crate) fn hear_witnesses(
                 add_clue(&mut options.factors, position, found.factor);
                 (_, beside) = beside_clues(&together, cars, options);
             }
-            if view.parallel.is_some() || view.verticals.is_some() {
+            if view.turns.is_some() || view.parallel.is_some() || view.verticals.is_some() {
                 let first = windows.iter().position(|w| w.segment == position).unwrap_or(windows.len());
                 windows.retain(|w| w.segment != position);
                 windows.insert(first, beside);
             }
         }
-        if heard.lines.contains_key(&position) || view.parallel.is_some() {
+        if heard.lines.contains_key(&position) || view.parallel.is_some() || view.turns.is_some() {
             views.push(view);
         }
     }
@@ -141,7 +154,8 @@ pub(crate) fn and_witnesses(factors: &mut BTreeMap<usize, Arc<[Factor]>>, views:
     for view in views {
         let of_cars = view.parallel.map(|found| found.factor);
         let of_lines = view.verticals.as_ref().map(|found| found.factor);
-        for factor in of_cars.into_iter().chain(of_lines) {
+        let of_turns = view.turns.map(|found| found.factor());
+        for factor in of_cars.into_iter().chain(of_lines).chain(of_turns) {
             add_clue(factors, view.position, factor);
         }
     }

@@ -87,6 +87,7 @@ pub fn solve_file(
             let cameras = estimate_cameras(
                 read("camera")?,
                 &read_scene_curves(frames)?,
+                &places,
                 &atlas,
                 constraints,
                 None,

@@ -1,0 +1,213 @@
+//! Focal length from the turns and zooms of a camera, without any vehicle.
+//!
+//! A camera that turns by R and zooms by g maps pixels by `K_g R K⁻¹`. How much the corners of the picture move compared
+//! with its middle depends on the focal length (Hartley 1997, Agapito, Hayman and Reid 2001). For each focal length of a
+//! grid, the rotation and the zoom that fit a registration best are removed. What remains is its misfit.
+
+use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
+use roadplane_base::{Factor, FrameRecord, Homography, ImageSize, Registration};
+
+/// Number of focal lengths of the grid.
+const GRID: usize = 64;
+/// Least focal length of the grid, in widths of the picture. It belongs to a field of view of 118°.
+const LEAST_WIDTHS: f64 = 0.3;
+/// Step of the grid, in log focal length. The last focal length is 12 widths.
+const STEP: f64 = 0.0586;
+/// Least displacement of a picture that counts, as a share of its width. Smaller turns hardly show the focal length.
+const LEAST_TURN: f64 = 0.02;
+/// Largest number of pictures of a reference that count as independent. The error of the reference itself is in all of
+/// them.
+const INDEPENDENT: f64 = 2.0;
+/// Sd of log focal length that does not come from the registrations: lens distortion, and a principal point beside the
+/// middle of the picture. It is an estimate.
+const MODEL_SD: f64 = 0.015;
+/// Largest sd of log focal length that is used.
+const MAX_SD: f64 = 0.3;
+/// Points of a registration that are compared, in each direction.
+const POINTS: usize = 5;
+
+/// The misfit of the pictures of one reference or of a place, as a function of the focal length.
+#[derive(Clone, Debug)]
+pub(crate) struct Misfit {
+    /// Half of the χ² for each focal length of the grid.
+    cost: [f64; GRID],
+    /// Number of pictures.
+    count: f64,
+}
+
+impl Default for Misfit {
+    fn default() -> Self {
+        Self { cost: [0.0; GRID], count: 0.0 }
+    }
+}
+
+/// The focal length from the turns of the camera at one place.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Turns {
+    /// Focal length of the world picture, px.
+    pub focal_px: f64,
+    /// Sd of the logarithm of the focal length.
+    pub log_sd: f64,
+    /// Misfit of the best focal length, as a multiple of the value that the sds of the registrations predict (root mean
+    /// square). A camera that is carried along has a large misfit.
+    pub misfit: f64,
+}
+
+impl Turns {
+    /// Returns the factor on the camera.
+    #[must_use]
+    pub fn factor(&self) -> Factor {
+        Factor::Number { which: 0, value: self.focal_px.ln(), sd: self.log_sd }
+    }
+}
+
+impl Misfit {
+    /// Adds the picture of a frame that was registered on this reference.
+    pub(crate) fn add(&mut self, frame: &FrameRecord, registration: &Registration) {
+        let size = frame.image_size_px;
+        let Some(numbers) = registration.homography else { return };
+        let Some(mapping) = Homography::from_numbers(numbers) else { return };
+        let unit = f64::from(size.width) / 2.0;
+        if mapping.displacement(&size.picture_px()) < 2.0 * LEAST_TURN * unit {
+            return;
+        }
+        // Coordinates in half widths, from the middle of the picture.
+        let centred =
+            mapping.in_coordinates(1.0, -size.centre_px()).in_coordinates(1.0 / unit, Vector2::zeros());
+        let aspect = f64::from(size.height) / f64::from(size.width);
+        let sd = registration.sd_px.max(1e-3) / unit;
+        for (i, cost) in self.cost.iter_mut().enumerate() {
+            // χ² of eight numbers whose errors have the root mean square `sd` over the picture.
+            *cost +=
+                4.0 * remaining(&centred, 2.0 * LEAST_WIDTHS * (STEP * i as f64).exp(), aspect) / (sd * sd);
+        }
+        self.count += 1.0;
+    }
+
+    /// Adds the misfit of another reference, whose picture is scaled by e^`log_scale` against the world picture.
+    pub(crate) fn join(&mut self, other: &Self, log_scale: f64) {
+        if other.count <= 0.0 {
+            return;
+        }
+        let share = (INDEPENDENT / other.count).min(1.0);
+        for (i, cost) in self.cost.iter_mut().enumerate() {
+            let at = (i as f64 + log_scale / STEP).clamp(0.0, (GRID - 1) as f64);
+            let (low, part) = (at as usize, at.fract());
+            let high = (low + 1).min(GRID - 1);
+            *cost += share * (other.cost[low] * (1.0 - part) + other.cost[high] * part);
+        }
+        self.count += share * other.count;
+    }
+
+    /// Returns the focal length; `None` if the turns do not determine it.
+    pub(crate) fn solve(&self, size: ImageSize) -> Option<Turns> {
+        if self.count <= 0.0 {
+            return None;
+        }
+        let best = (0..GRID).min_by(|a, b| self.cost[*a].total_cmp(&self.cost[*b]))?;
+        if best == 0 || best == GRID - 1 {
+            return None;
+        }
+        let [before, here, after] = [-1_isize, 0, 1].map(|by| self.cost[best.wrapping_add_signed(by)]);
+        let curvature = before + after - 2.0 * here;
+        let shift = 0.5 * (before - after) / curvature;
+        let least = here - 0.25 * (before - after) * shift;
+        // Four of the eight numbers are fitted.
+        let misfit = (2.0 * least.max(0.0) / (4.0 * self.count)).sqrt();
+        let log_sd = (STEP / curvature.sqrt() * misfit.max(1.0)).hypot(MODEL_SD);
+        let focal_px = f64::from(size.width) * LEAST_WIDTHS * (STEP * (best as f64 + shift)).exp();
+        (curvature > 0.0 && log_sd < MAX_SD).then_some(Turns { focal_px, log_sd, misfit })
+    }
+}
+
+/// Returns the mean squared distance per coordinate between a mapping and the nearest `K_g R K⁻¹` of a focal length.
+/// Lengths are in half widths of the picture, from its middle.
+fn remaining(mapping: &Homography, focal: f64, aspect: f64) -> f64 {
+    let rays = Matrix3::from_diagonal(&Vector3::new(focal, focal, 1.0));
+    let inverse = Matrix3::from_diagonal(&Vector3::new(1.0 / focal, 1.0 / focal, 1.0));
+    let turn = inverse * mapping.matrix() * rays;
+    let growth =
+        (0.5 * (turn.row(0).norm_squared() + turn.row(1).norm_squared())).sqrt() / turn.row(2).norm();
+    let unscaled = Matrix3::from_diagonal(&Vector3::new(1.0 / growth, 1.0 / growth, 1.0)) * turn;
+    let svd = unscaled.svd(true, true);
+    let (Some(u), Some(v)) = (svd.u, svd.v_t) else { return f64::INFINITY };
+    let zoomed = Matrix3::from_diagonal(&Vector3::new(focal * growth, focal * growth, 1.0));
+    let Some(model) = Homography::new(zoomed * (u * v) * inverse) else { return f64::INFINITY };
+    // Small changes of rotation and zoom take out the rest that they can explain.
+    let mut normal = SMatrix::<f64, 4, 4>::zeros();
+    let mut right = SVector::<f64, 4>::zeros();
+    let mut squares = 0.0;
+    let last = (POINTS - 1) as f64;
+    for i in 0..POINTS * POINTS {
+        let (u, v) = ((i % POINTS) as f64 / last, (i / POINTS) as f64 / last);
+        let p = Vector2::new(2.0 * u - 1.0, aspect * (2.0 * v - 1.0));
+        let q = model.apply(&p);
+        let away = mapping.apply(&p) - q;
+        let (x, y) = (q.x / focal, q.y / focal);
+        let rows = [
+            (SVector::from([focal * (1.0 + x * x), focal * x * y, -q.y, q.x]), away.x),
+            (SVector::from([focal * x * y, focal * (1.0 + y * y), q.x, q.y]), away.y),
+        ];
+        for (row, value) in rows {
+            normal += row * row.transpose();
+            right += row * value;
+            squares += value * value;
+        }
+    }
+    let explained = normal.cholesky().map_or(0.0, |normal| right.dot(&normal.solve(&right)));
+    (squares - explained).max(0.0) / (2 * POINTS * POINTS) as f64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Rotation3;
+
+    const SIZE: ImageSize = ImageSize { width: 1280, height: 720 };
+
+    /// Returns the misfit of a camera that turns as `at` says: pan, tilt, roll, growth at a time 0–1.
+    fn turned(focal_px: f64, noise_px: f64, at: impl Fn(f64) -> [f64; 4]) -> Option<Turns> {
+        let mut misfit = Misfit::default();
+        for i in 0..100_u32 {
+            let [pan, tilt, roll, growth] = at(f64::from(i) / 99.0);
+            let k = |f: f64| Matrix3::from_diagonal(&Vector3::new(f, f, 1.0));
+            let rotation = Rotation3::from_euler_angles(tilt, pan, roll);
+            let m = k(focal_px * growth) * rotation.matrix() * k(focal_px).try_inverse().unwrap();
+            let noise = |k: f64| noise_px * (f64::from(i) * 12.9898 + k * 78.233).sin();
+            let wrong = Matrix3::new(
+                noise(1.0) / 640.0,
+                noise(2.0) / 640.0,
+                noise(3.0), //
+                noise(4.0) / 640.0,
+                noise(5.0) / 640.0,
+                noise(6.0), //
+                noise(7.0) / 640.0 / 640.0,
+                noise(8.0) / 640.0 / 640.0,
+                0.0,
+            );
+            let mapping = Homography::new(m + wrong).unwrap().in_coordinates(1.0, SIZE.centre_px());
+            let registration =
+                Registration { reference: 0, homography: Some(mapping.numbers()), sd_px: noise_px.max(0.01) };
+            misfit.add(&FrameRecord::empty(u64::from(i), f64::from(i) * 0.1, SIZE), &registration);
+        }
+        let mut place = Misfit::default();
+        place.join(&misfit, 0.0);
+        place.solve(SIZE)
+    }
+
+    #[test]
+    fn a_pan_and_a_zoom_show_the_focal_length() {
+        for focal_px in [700.0, 1500.0, 4000.0] {
+            let pan = turned(focal_px, 0.1, |t| [0.25 * 1280.0 / focal_px * t, 0.01, 0.02 * t, 1.0]).unwrap();
+            assert!((pan.focal_px / focal_px).ln().abs() < 3.0 * pan.log_sd, "{focal_px}: {pan:?}");
+            assert!((pan.focal_px / focal_px).ln().abs() < 0.06 && pan.misfit < 1.5, "{focal_px}: {pan:?}");
+        }
+    }
+
+    #[test]
+    fn a_small_turn_and_a_pure_roll_say_nothing() {
+        assert_eq!(turned(1500.0, 0.1, |t| [0.01 * t, 0.0, 0.0, 1.0]), None);
+        let roll = turned(1500.0, 0.1, |t| [0.0, 0.0, 0.3 * t, 1.0]);
+        assert!(roll.is_none_or(|turns| turns.log_sd > 0.2), "{roll:?}");
+    }
+}
