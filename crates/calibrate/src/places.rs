@@ -110,8 +110,7 @@ impl PlacesBuilder {
         let mut all = Misfit::default();
         for (reference, reference_from_world) in place {
             if let Some(misfit) = self.misfits.get(reference) {
-                let log_scale = reference_from_world.similarity(&size.picture_px()).log_scale();
-                all.join(misfit, log_scale);
+                all.join(misfit, reference_from_world, size);
             }
         }
         all.solve(size)

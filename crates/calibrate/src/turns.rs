@@ -71,27 +71,27 @@ impl Misfit {
         if mapping.displacement(&size.picture_px()) < 2.0 * LEAST_TURN * unit {
             return;
         }
-        // Coordinates in half widths, from the middle of the picture.
-        let centred =
-            mapping.in_coordinates(1.0, -size.centre_px()).in_coordinates(1.0 / unit, Vector2::zeros());
+        let mapping = centred(&mapping, size);
         let aspect = f64::from(size.height) / f64::from(size.width);
         let sd = registration.sd_px.max(1e-3) / unit;
         for (i, cost) in self.cost.iter_mut().enumerate() {
             // χ² of eight numbers whose errors have the root mean square `sd` over the picture.
-            *cost +=
-                4.0 * remaining(&centred, 2.0 * LEAST_WIDTHS * (STEP * i as f64).exp(), aspect) / (sd * sd);
+            *cost += 4.0 * remaining(&mapping, focal_at(i), aspect) / (sd * sd);
         }
         self.count += 1.0;
     }
 
-    /// Adds the misfit of another reference, whose picture is scaled by e^`log_scale` against the world picture.
-    pub(crate) fn join(&mut self, other: &Self, log_scale: f64) {
+    /// Adds the misfit of the pictures of a reference. `reference_from_world` is the position of the reference, px.
+    pub(crate) fn join(&mut self, other: &Self, reference_from_world: &Homography, size: ImageSize) {
         if other.count <= 0.0 {
             return;
         }
         let share = (INDEPENDENT / other.count).min(1.0);
+        let mapping = centred(reference_from_world, size);
         for (i, cost) in self.cost.iter_mut().enumerate() {
-            let at = (i as f64 + log_scale / STEP).clamp(0.0, (GRID - 1) as f64);
+            // The focal length of the reference is that of the world picture times the zoom between them.
+            let (growth, _) = growth_and_turn(&mapping, focal_at(i));
+            let at = (i as f64 + growth.ln() / STEP).clamp(0.0, (GRID - 1) as f64);
             let (low, part) = (at as usize, at.fract());
             let high = (low + 1).min(GRID - 1);
             *cost += share * (other.cost[low] * (1.0 - part) + other.cost[high] * part);
@@ -120,14 +120,32 @@ impl Misfit {
     }
 }
 
-/// Returns the mean squared distance per coordinate between a mapping and the nearest `K_g R K⁻¹` of a focal length.
-/// Lengths are in half widths of the picture, from its middle.
-fn remaining(mapping: &Homography, focal: f64, aspect: f64) -> f64 {
+/// Returns a focal length of the grid, in half widths of the picture.
+fn focal_at(i: usize) -> f64 {
+    2.0 * LEAST_WIDTHS * (STEP * i as f64).exp()
+}
+
+/// Converts a mapping to half widths of the picture, from its middle.
+fn centred(mapping: &Homography, size: ImageSize) -> Homography {
+    let unit = f64::from(size.width) / 2.0;
+    mapping.in_coordinates(1.0, -size.centre_px()).in_coordinates(1.0 / unit, Vector2::zeros())
+}
+
+/// Returns the zoom g of a mapping `K_g R K⁻¹` with this focal length, and the matrix `K⁻¹ H K`, about g R.
+fn growth_and_turn(mapping: &Homography, focal: f64) -> (f64, Matrix3<f64>) {
     let rays = Matrix3::from_diagonal(&Vector3::new(focal, focal, 1.0));
     let inverse = Matrix3::from_diagonal(&Vector3::new(1.0 / focal, 1.0 / focal, 1.0));
     let turn = inverse * mapping.matrix() * rays;
     let growth =
         (0.5 * (turn.row(0).norm_squared() + turn.row(1).norm_squared())).sqrt() / turn.row(2).norm();
+    (growth, turn)
+}
+
+/// Returns the mean squared distance per coordinate between a mapping and the nearest `K_g R K⁻¹` of a focal length.
+/// Lengths are in half widths of the picture, from its middle.
+fn remaining(mapping: &Homography, focal: f64, aspect: f64) -> f64 {
+    let inverse = Matrix3::from_diagonal(&Vector3::new(1.0 / focal, 1.0 / focal, 1.0));
+    let (growth, turn) = growth_and_turn(mapping, focal);
     let unscaled = Matrix3::from_diagonal(&Vector3::new(1.0 / growth, 1.0 / growth, 1.0)) * turn;
     let svd = unscaled.svd(true, true);
     let (Some(u), Some(v)) = (svd.u, svd.v_t) else { return f64::INFINITY };
@@ -191,7 +209,7 @@ mod tests {
             misfit.add(&FrameRecord::empty(u64::from(i), f64::from(i) * 0.1, SIZE), &registration);
         }
         let mut place = Misfit::default();
-        place.join(&misfit, 0.0);
+        place.join(&misfit, &Homography::IDENTITY, SIZE);
         place.solve(SIZE)
     }
 
