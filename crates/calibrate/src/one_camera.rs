@@ -99,10 +99,11 @@ impl<I> OneCamera<I> {
             }
         }
         // Files of older versions have the shake in place of the motion.
-        if self.places.count() == 0 {
+        if !self.places.is_measured() {
             return Some(Position { time_s, place: 0, picture_from_world: shifted(watch.offset()) });
         }
-        self.is_lost = matches!(watch.verdict, PictureVerdict::Unsettled | PictureVerdict::Moving);
+        self.is_lost = matches!(watch.verdict, PictureVerdict::Unsettled | PictureVerdict::Moving)
+            || watch.motion.iter().any(|registration| self.places.is_travelling(registration.reference));
         Some(
             self.last
                 .map_or(Position { time_s, place: 0, picture_from_world: Homography::IDENTITY }, |last| {
@@ -125,7 +126,7 @@ impl<I> OneCamera<I> {
         }
         let (since_frame, since_s) = (frame.frame, frame.time_s);
         if let Some(watch) = &mut frame.watch {
-            let is_old = self.places.count() == 0;
+            let is_old = !self.places.is_measured();
             watch.left_out = is_lost && !is_blind;
             if !is_old {
                 watch.place = Some(place);

@@ -70,7 +70,12 @@ impl PlacesBuilder {
 
     /// Returns the places of the clip.
     #[must_use]
-    pub fn finish(self) -> Places {
+    pub fn finish(mut self) -> Places {
+        // A camera that is carried along shows no place: parallax makes its pictures differ.
+        let is_measured = !self.pictures.is_empty();
+        let of_travels = self.misfits.iter().filter(|(_, misfit)| misfit.is_travelling());
+        let travelling: BTreeSet<u64> = of_travels.map(|(reference, _)| *reference).collect();
+        self.pictures.retain(|reference, _| !travelling.contains(reference));
         let mut open: BTreeSet<u64> = self.pictures.keys().copied().collect();
         let mut found: Vec<BTreeMap<u64, Homography>> = Vec::new();
         while let Some(first) = open.pop_first() {
@@ -101,7 +106,7 @@ impl PlacesBuilder {
                 })
             })
             .collect();
-        Places { references, turns }
+        Places { references, travelling, is_measured, turns }
     }
 
     /// Returns the focal length from the turns at a place; `None` if they do not determine it.
@@ -148,6 +153,10 @@ pub(crate) struct Placed {
 #[derive(Clone, Debug, Default)]
 pub struct Places {
     references: BTreeMap<u64, Placed>,
+    /// References on which the pictures do not lie as those of a camera that turns and zooms.
+    travelling: BTreeSet<u64>,
+    /// Whether any picture was registered.
+    is_measured: bool,
     /// Focal length from the turns at each place.
     turns: Vec<Option<Turns>>,
 }
@@ -163,9 +172,14 @@ impl Places {
         self.turns.iter().enumerate().filter_map(|(place, turns)| Some((place, (*turns)?)))
     }
 
-    /// Returns the number of places.
+    /// Whether the camera was carried along while pictures were registered on this reference.
+    pub(crate) fn is_travelling(&self, reference: u64) -> bool {
+        self.travelling.contains(&reference)
+    }
+
+    /// Whether the motion of the camera was measured. Files of older versions and of other tools lack it.
     #[must_use]
-    pub fn count(&self) -> usize {
-        self.references.values().map(|placed| placed.place + 1).max().unwrap_or(0)
+    pub fn is_measured(&self) -> bool {
+        self.is_measured
     }
 }

@@ -43,7 +43,7 @@ impl NotFollowed {
         }
         let percent = 100.0 * self.share();
         Some(format!(
-            "the camera moved: vehicles were not followed in {frames} frames ({seconds:.1} s, {percent:.1} % of all)"
+            "the camera was carried along, or its motion could not be measured: vehicles were not followed in {frames} frames ({seconds:.1} s, {percent:.1} % of all)"
         ))
     }
 
