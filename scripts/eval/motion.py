@@ -2,14 +2,18 @@
 
   .runtime/train/bin/python scripts/eval/motion.py CLIP:FOCAL[:START_S:SECONDS] … --work DIR
 
-Each clip is filmed by a camera that turns or zooms about its centre: the middle 68 % of the picture, every frame warped by
-K R K⁻¹ with the focal length FOCAL, px. It needs ffmpeg. Columns of the table:
+Each clip is filmed by a camera that turns or zooms about its centre. The film shows the middle 68 % of the picture.
+Every frame is warped by K R K⁻¹ with the focal length FOCAL, px. The script needs ffmpeg. Columns of the table:
 
-  tracks      number of tracks
-  observed    share of the observed rows at rest, in view of the moving camera, that have an observed row there, too
-  place       rms distance of the matched rows on the ground within 60 m, m, and beyond 60 m, as a multiple of their sds
-  focal       difference of the focal lengths, as a multiple of the sd at rest
-  CPU         CPU time per frame, as a multiple of that at rest with attention off
+  tracks: number of tracks.
+
+  observed: share of the observed rows at rest that are also observed with motion. Rows out of its view do not count.
+
+  place: rms distance of the matched rows on the ground. Within 60 m it is in m, beyond 60 m a multiple of their sds.
+
+  focal: difference of the focal lengths, as a multiple of the sd at rest.
+
+  CPU: CPU time per frame, as a multiple of that at rest with detection on the whole of each frame.
 """
 
 from __future__ import annotations
@@ -32,7 +36,7 @@ IN_VIEW = 0.95  # least share of a box inside the picture
 
 def angles(motion: str, t: float, seconds: float, px: float, mirrored: bool) -> tuple[float, float, float, float]:
     """Returns pan, tilt, roll (rad) and growth at a time. `px` is the angle of a pixel."""
-    way = -1.0 if mirrored else 1.0
+    direction = -1.0 if mirrored else 1.0
     phase = 1.0 if mirrored else 0.0
     wave = lambda period: math.sin(2 * math.pi * t / period + phase)  # noqa: E731
     return {
@@ -40,8 +44,8 @@ def angles(motion: str, t: float, seconds: float, px: float, mirrored: bool) -> 
         "sway3": (3 * px * wave(1.5), 2 * px * wave(1.1), 0.0, 1.0),
         "sway12": (12 * px * wave(3.7), 5 * px * wave(2.3), 0.004 * wave(3.1), 1.0),
         "shake": (2 * px * wave(0.125), 1.5 * px * wave(0.14), 0.0, 1.0),
-        "drift": (way * 3 * px * (t - seconds / 2), 1.5 * px * (t - seconds / 2), 0.0, 1.0),
-        "pan": (way * 8.5 * px * (t - seconds / 2), 0.0, 0.0, 1.0),
+        "drift": (direction * 3 * px * (t - seconds / 2), 1.5 * px * (t - seconds / 2), 0.0, 1.0),
+        "pan": (direction * 8.5 * px * (t - seconds / 2), 0.0, 0.0, 1.0),
         "zoom": (0.0, 0.0, 0.0, 1 + 0.25 * (1 - t / seconds if mirrored else t / seconds)),
     }[motion]
 
@@ -52,8 +56,10 @@ MOTIONS = ["sway3", "sway12", "shake", "drift", "pan", "zoom"]
 def picture_from_clip(turn: tuple[float, float, float, float], focal: float, size: tuple[int, int]) -> np.ndarray:
     """Returns the homography from pixels of the clip to pixels of the filmed picture."""
     pan, tilt, roll, growth = turn
-    ca, sa, cb, sb, cr, sr = *(f(pan) for f in (math.cos, math.sin)), *(f(tilt) for f in (math.cos, math.sin)), *(
-        f(roll) for f in (math.cos, math.sin)
+    ca, sa, cb, sb, cr, sr = (
+        *(f(pan) for f in (math.cos, math.sin)),
+        *(f(tilt) for f in (math.cos, math.sin)),
+        *(f(roll) for f in (math.cos, math.sin)),
     )
     rotation = (
         np.array([[cr, -sr, 0], [sr, cr, 0], [0, 0, 1]])

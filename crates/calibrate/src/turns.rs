@@ -28,6 +28,8 @@ const MAX_SD: f64 = 0.3;
 const TRAVELLING: f64 = 10.0;
 /// Least sd of a registration in the misfit, px. Errors of neighbouring blocks are alike, which its own sd leaves out.
 const LEAST_SD_PX: f64 = 0.1;
+/// Largest number of rounds of a singular value decomposition.
+const SVD_ROUNDS: usize = 100;
 /// Points of a registration that are compared, in each direction.
 const POINTS: usize = 5;
 
@@ -160,8 +162,8 @@ fn remaining(mapping: &Homography, focal: f64, aspect: f64) -> [f64; 2] {
     let inverse = Matrix3::from_diagonal(&Vector3::new(1.0 / focal, 1.0 / focal, 1.0));
     let (growth, turn) = growth_and_turn(mapping, focal);
     let unscaled = Matrix3::from_diagonal(&Vector3::new(1.0 / growth, 1.0 / growth, 1.0)) * turn;
-    let svd = unscaled.svd(true, true);
-    let (Some(u), Some(v)) = (svd.u, svd.v_t) else { return [f64::INFINITY; 2] };
+    let svd = unscaled.try_svd(true, true, f64::EPSILON, SVD_ROUNDS);
+    let Some((Some(u), Some(v))) = svd.map(|svd| (svd.u, svd.v_t)) else { return [f64::INFINITY; 2] };
     let zoomed = Matrix3::from_diagonal(&Vector3::new(focal * growth, focal * growth, 1.0));
     let Some(model) = Homography::new(zoomed * (u * v) * inverse) else { return [f64::INFINITY; 2] };
     // Small changes of rotation, zoom and distortion take out the rest that they can explain.

@@ -110,7 +110,7 @@ mod tests {
         );
         let words = sum.in_words().unwrap();
         assert!(
-            words.contains("moved: vehicles were not followed in 10 frames (0.9 s, 10.0 % of all)"),
+            words.contains("measured: vehicles were not followed in 10 frames (0.9 s, 10.0 % of all)"),
             "{words}"
         );
         let few = counted(100, |index| index == 50);

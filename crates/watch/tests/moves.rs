@@ -4,7 +4,10 @@
 
 mod made;
 
+use std::collections::BTreeSet;
+
 use made::{Grey, Made, Played, Scene, View, WatchedClip, watched};
+use nalgebra::Vector2;
 use roadplane_base::{FrameStamp, MoveKind, PictureVerdict, WatchRecord};
 use roadplane_watch::{RENEW_S, Watcher};
 
@@ -149,6 +152,42 @@ fn a_shaken_camera_has_not_moved_and_its_shake_is_followed() {
                 // Offsets below the noise are reported as zero, so the limit is larger.
                 assert!(offset <= 0.8, "{name}, {hertz}/s, stride {}: {offset}", clip.stride);
             }
+        }
+    }
+}
+
+#[test]
+fn the_motion_is_measured_through_a_pan_and_a_zoom_and_back() {
+    for (name, scene) in [("made", &Made::new(12) as &dyn Scene), ("scene", &scene())] {
+        let view = |t: f64| {
+            let share = (std::f64::consts::PI * t / 6.0).sin();
+            View { shift: [120.0 * share, -30.0 * share], log_scale: 0.1 * share }
+        };
+        for clip in turned(scene, 6.0, &STRIDES, view) {
+            let (width, height) = scene.picture();
+            let truth = |frame: u64, p: Vector2<f64>| {
+                let View { shift, log_scale } = view(frame as f64 / clip.fps);
+                Vector2::from(shift) + p * log_scale.exp()
+            };
+            let middle = Vector2::new(width as f64 - 1.0, height as f64 - 1.0) / 2.0;
+            let mut worst: f64 = 0.0;
+            for (stamp, record, _) in &clip.frames {
+                let registration = record.motion.first();
+                let registration =
+                    registration.unwrap_or_else(|| panic!("{name}: frame {} is lost", stamp.index));
+                let mapping = registration.picture_from_reference();
+                for (u, v) in [(0.0, 0.0), (-0.25, 0.2), (0.25, -0.2)] {
+                    let scene_point = Vector2::new(u * width as f64, v * height as f64);
+                    let from = truth(registration.reference, scene_point) + middle;
+                    let to = truth(stamp.index, scene_point) + middle;
+                    worst = worst.max((mapping.apply(&from) - to).norm());
+                }
+            }
+            println!("{name}, stride {}: motion off by {worst:.2} px", clip.stride);
+            assert!(worst < 1.0, "{name}, stride {}: {worst}", clip.stride);
+            let references: BTreeSet<u64> =
+                clip.frames.iter().map(|(_, r, _)| r.motion[0].reference).collect();
+            assert!(references.len() <= 4, "{name}: {references:?}");
         }
     }
 }
