@@ -170,7 +170,7 @@ fn the_motion_is_measured_through_a_pan_and_a_zoom_and_back() {
                 Vector2::from(shift) + p * log_scale.exp()
             };
             let middle = Vector2::new(width as f64 - 1.0, height as f64 - 1.0) / 2.0;
-            let mut worst: f64 = 0.0;
+            let mut errors_px: Vec<f64> = Vec::new();
             for (stamp, record, _) in &clip.frames {
                 let registration = record.motion.first();
                 let registration =
@@ -180,11 +180,14 @@ fn the_motion_is_measured_through_a_pan_and_a_zoom_and_back() {
                     let scene_point = Vector2::new(u * width as f64, v * height as f64);
                     let from = truth(registration.reference, scene_point) + middle;
                     let to = truth(stamp.index, scene_point) + middle;
-                    worst = worst.max((mapping.apply(&from) - to).norm());
+                    errors_px.push((mapping.apply(&from) - to).norm());
                 }
             }
-            println!("{name}, stride {}: motion off by {worst:.2} px", clip.stride);
-            assert!(worst < 1.0, "{name}, stride {}: {worst}", clip.stride);
+            errors_px.sort_by(f64::total_cmp);
+            let share = |share: f64| errors_px[((errors_px.len() - 1) as f64 * share) as usize];
+            let [most, worst] = [share(0.9), share(1.0)];
+            println!("{name}, stride {}: motion off by {most:.2}, at most {worst:.2} px", clip.stride);
+            assert!(most < 0.8 && worst < 3.0, "{name}, stride {}: {most}, {worst}", clip.stride);
             let references: BTreeSet<u64> =
                 clip.frames.iter().map(|(_, r, _)| r.motion[0].reference).collect();
             assert!(references.len() <= 4, "{name}: {references:?}");
