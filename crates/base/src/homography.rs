@@ -36,6 +36,16 @@ impl Homography {
         [m[(0, 0)], m[(0, 1)], m[(0, 2)], m[(1, 0)], m[(1, 1)], m[(1, 2)], m[(2, 0)], m[(2, 1)]]
     }
 
+    /// Returns the numbers of [`Self::numbers`], rounded as files store them. They are those of a mapping of pixels.
+    #[must_use]
+    pub fn rounded_numbers(&self) -> [f64; 8] {
+        const DIGITS: [f64; 8] = [1e8, 1e8, 1e4, 1e8, 1e8, 1e4, 1e11, 1e11];
+        let mut numbers = self.numbers();
+        // Adding zero turns a negative zero into zero.
+        numbers.iter_mut().zip(DIGITS).for_each(|(n, digits)| *n = (*n * digits).round() / digits + 0.0);
+        numbers
+    }
+
     /// Returns the matrix; its last number is 1.
     #[must_use]
     pub fn matrix(&self) -> &Matrix3<f64> {
@@ -180,6 +190,15 @@ impl Homography {
             -q.y * p.x,
             -q.y * p.y,
         ]) / depth
+    }
+}
+
+impl From<Similarity> for Homography {
+    fn from(similarity: Similarity) -> Self {
+        let shift = similarity.apply(&Vector2::zeros());
+        let column = |axis: Vector2<f64>| similarity.apply(&axis) - shift;
+        let (x, y) = (column(Vector2::x()), column(Vector2::y()));
+        Self(Matrix3::new(x.x, y.x, shift.x, x.y, y.y, shift.y, 0.0, 0.0, 1.0))
     }
 }
 

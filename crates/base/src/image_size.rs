@@ -4,6 +4,8 @@ use nalgebra::Vector2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::Homography;
+
 /// Width and height of an image, px.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 #[serde(into = "[u32; 2]", from = "[u32; 2]")]
@@ -37,5 +39,13 @@ impl ImageSize {
     #[must_use]
     pub fn picture_px(self) -> [f64; 4] {
         [-0.5, -0.5, f64::from(self.width) - 0.5, f64::from(self.height) - 0.5]
+    }
+
+    /// Returns the part of the world picture that an image of a moving camera shows, as a box, px. Without a mapping it is
+    /// the whole image.
+    #[must_use]
+    pub fn part_in_view_px(self, picture_from_world: Option<&Homography>) -> [f64; 4] {
+        let whole = self.picture_px();
+        picture_from_world.map_or(whole, |mapping| mapping.inverse().apply_to_box(&whole))
     }
 }

@@ -119,7 +119,6 @@ impl<I> OneCamera<I> {
             frame.cars.clear();
             frame.weak.clear();
         }
-        let size = frame.image_size_px;
         let first_of_place = place != self.place && !is_lost;
         if first_of_place {
             self.place = place;
@@ -144,7 +143,6 @@ impl<I> OneCamera<I> {
         if picture_from_world != Homography::IDENTITY {
             to_world(&mut frame, &picture_from_world.inverse());
         }
-        debug_assert_eq!(frame.image_size_px, size);
         self.ready.push_back(frame);
     }
 }

@@ -71,8 +71,7 @@ impl Misfit {
     /// Adds the picture of a frame that was registered on this reference.
     pub(crate) fn add(&mut self, frame: &FrameRecord, registration: &Registration) {
         let size = frame.image_size_px;
-        let Some(numbers) = registration.homography else { return };
-        let Some(mapping) = Homography::from_numbers(numbers) else { return };
+        let mapping = registration.picture_from_reference();
         let unit = f64::from(size.width) / 2.0;
         if mapping.displacement(&size.picture_px()) < 2.0 * LEAST_TURN * unit {
             return;

@@ -87,23 +87,8 @@ impl Smoothed {
     /// result has its values. `mapping` maps the level to this picture, px from the middle.
     pub(crate) fn laid_on(&self, level: &Level, mapping: &Homography) -> Self {
         let middle = Vector2::new(self.width as f64, self.height as f64) / 2.0;
-        let value = |x: usize, y: usize| {
-            let point = Vector2::new(x as f64 + 0.5, y as f64 + 0.5) - middle;
-            let from = (mapping.apply(&point) + middle).add_scalar(-0.5);
-            let inside = |at: f64, length: usize| at >= 0.0 && at + 1.0 < length as f64;
-            if !inside(from.x, self.width) || !inside(from.y, self.height) {
-                return level.median[y * self.width + x];
-            }
-            let (column, row) = (from.x as usize, from.y as usize);
-            let (u, v) = (from.x.fract() as f32, from.y.fract() as f32);
-            let mix = |row: usize| {
-                let at = row * self.width + column;
-                self.values[at] * (1.0 - u) + self.values[at + 1] * u
-            };
-            mix(row) * (1.0 - v) + mix(row + 1) * v
-        };
-        let places = (0..self.height).flat_map(|y| (0..self.width).map(move |x| (x, y)));
-        let values: Vec<f32> = places.map(|(x, y)| value(x, y)).collect();
+        let from = |point: Vector2<f64>| mapping.apply(&(point - middle)) + middle;
+        let values = resampled(&self.values, (self.width, self.height), from, |pixel| level.median[pixel]);
         let smooth = smoothed(&values, self.width, self.height);
         Self { width: self.width, height: self.height, values, smooth }
     }
@@ -295,6 +280,30 @@ impl Level {
         let inverse = normal.cholesky()?.inverse();
         Some(Block { x, y, inverse, structure, trust: NEW_TRUST })
     }
+}
+
+/// Resamples a picture by bilinear interpolation. `from` maps the middle of a pixel of the result to the picture, px.
+/// Where that is outside the picture, `outside` returns the value of the pixel with this number.
+pub(crate) fn resampled(
+    picture: &[f32],
+    (width, height): (usize, usize),
+    from: impl Fn(Vector2<f64>) -> Vector2<f64>,
+    outside: impl Fn(usize) -> f32,
+) -> Vec<f32> {
+    let inside = |at: f64, length: usize| at >= 0.0 && at + 1.0 < length as f64;
+    let value = |pixel: usize| {
+        let (x, y) = (pixel % width, pixel / width);
+        let from = from(Vector2::new(x as f64 + 0.5, y as f64 + 0.5)).add_scalar(-0.5);
+        if !inside(from.x, width) || !inside(from.y, height) {
+            return outside(pixel);
+        }
+        let (column, row) = (from.x as usize, from.y as usize);
+        let (u, v) = (from.x.fract() as f32, from.y.fract() as f32);
+        let mix =
+            |row: usize| picture[row * width + column] * (1.0 - u) + picture[row * width + column + 1] * u;
+        mix(row) * (1.0 - v) + mix(row + 1) * v
+    };
+    (0..width * height).map(value).collect()
 }
 
 /// Smooths a picture with a binomial 3 × 3 kernel. In the result, grey levels change nearly

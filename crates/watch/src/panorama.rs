@@ -101,12 +101,13 @@ impl Panorama {
                         self.use_keyframe(other, &own);
                     }
                     None if farness(&fit.picture_from_reference, size) > 1.0 => {
-                        if self.add(stamp, picture, Some(&fit)) {
-                            let exact = Fit { picture_from_reference: Homography::IDENTITY, sd: 0.0 };
-                            let last = self.keyframes.len() - 1;
-                            found(&self.keyframes[last], &exact);
+                        // A new keyframe comes last, and the oldest one may be dropped.
+                        let is_added = self.add(stamp, picture, Some(&fit));
+                        let last = self.keyframes.len() - 1;
+                        if is_added {
+                            found(&self.keyframes[last], &Fit::OWN);
                         }
-                        found(&self.keyframes[current.min(self.keyframes.len() - 1)], &fit);
+                        found(&self.keyframes[last - usize::from(is_added)], &fit);
                     }
                     None => found(&self.keyframes[current], &fit),
                 }
@@ -117,9 +118,7 @@ impl Panorama {
                     found(&self.keyframes[keyframe], &fit);
                     self.use_keyframe(keyframe, &fit);
                 } else if self.add(stamp, picture, None) {
-                    let exact = Fit { picture_from_reference: Homography::IDENTITY, sd: 0.0 };
-                    let last = self.keyframes.len() - 1;
-                    found(&self.keyframes[last], &exact);
+                    found(&self.keyframes[self.keyframes.len() - 1], &Fit::OWN);
                 }
             }
         }
@@ -195,12 +194,7 @@ impl Panorama {
         let size = reference.fine().size();
         let middle = Vector2::new(size.0 as f64, size.1 as f64) / 2.0;
         let carried = refined(reference.fine(), picture.smooth(), &found);
-        let corners = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(u, v)| {
-            let p = Vector2::new(u * size.0 as f64, v * size.1 as f64);
-            ((p - middle) / middle.x, (carried.apply(&p) - middle) / middle.x, 1.0)
-        });
-        let (about, _) = Homography::fit(corners.into_iter(), None)?;
-        let about = about.in_coordinates(middle.x, Vector2::zeros());
+        let about = Homography::from(carried).in_coordinates(1.0, -middle);
         Some((searched, reference.registered(picture, &about)?.fit))
     }
 
@@ -262,16 +256,52 @@ fn registration(frame: u64, fit: &Fit, small: &SmallGrey) -> Registration {
     // The middle of the top-left pixel is the origin of pixels.
     let middle = Vector2::new(small.width as f64, small.height as f64) * (factor / 2.0);
     let mapping = fit.picture_from_reference.in_coordinates(factor, middle.add_scalar(-0.5));
-    let digits = [1e8, 1e8, 1e4, 1e8, 1e8, 1e4, 1e11, 1e11];
-    let mut numbers = mapping.numbers();
-    // Adding zero turns a negative zero into zero.
-    numbers
-        .iter_mut()
-        .zip(digits)
-        .for_each(|(number, digits)| *number = (*number * digits).round() / digits + 0.0);
     Registration {
         reference: frame,
-        homography: (displaced >= NOT_DISPLACED_PX).then_some(numbers),
+        homography: (displaced >= NOT_DISPLACED_PX).then(|| mapping.rounded_numbers()),
         sd_px: (factor * fit.sd * 1e3).round() / 1e3,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns the picture of a camera that was moved to the right by `moved` px over a wide scene of random texture.
+    fn seen(moved: usize) -> SmallGrey {
+        let (width, height) = (192, 128);
+        let knot = |x: usize, y: usize| {
+            let hash = (x * 7919 + y * 104_729 + 1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+            ((hash >> 40) % 200) as f64
+        };
+        let value = |x: usize, y: usize| {
+            let ((column, u), (row, v)) = ((x / 8, (x % 8) as f64 / 8.0), (y / 8, (y % 8) as f64 / 8.0));
+            let mix = |row: usize| knot(column, row) * (1.0 - u) + knot(column + 1, row) * u;
+            (20.0 + mix(row) * (1.0 - v) + mix(row + 1) * v) as u8
+        };
+        let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        let values = pixels.map(|(x, y)| value(x + moved, y)).collect();
+        SmallGrey { width, height, factor: 1, values }
+    }
+
+    #[test]
+    fn a_chain_longer_than_the_memory_keeps_its_links() {
+        const STEP: usize = 3;
+        let mut panorama = Panorama::default();
+        let mut links = 0;
+        let pictures = (MAX_KEYFRAMES + 6) * 40 / STEP;
+        for index in 0..pictures as u64 {
+            let small = seen(STEP * index as usize);
+            let stamp = FrameStamp { index, pts_nanos: 33_333_333 * index as i64 };
+            let found = panorama.register(stamp, &small, &Prepared::of(&small));
+            assert!(!found.is_empty(), "frame {index} is lost");
+            for registration in &found {
+                let shift = registration.picture_from_reference().apply(&Vector2::zeros());
+                let truth = -((index - registration.reference) as f64) * STEP as f64;
+                assert!((shift - Vector2::new(truth, 0.0)).norm() < 1.0, "frame {index}: {registration:?}");
+            }
+            links += usize::from(found.len() == 2);
+        }
+        assert!(links > MAX_KEYFRAMES && panorama.keyframes.len() == MAX_KEYFRAMES, "{links}");
     }
 }

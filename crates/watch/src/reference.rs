@@ -83,7 +83,6 @@ impl Reference {
     /// Adapts the background slightly to a picture of the camera at rest. `shifts` is the result of [`Self::measured`]
     /// for this picture.
     pub(crate) fn follow(&mut self, picture: &Prepared, shifts: &BlockShifts, time_s: f64) {
-        self.fine.follow(&picture.fine, &shifts.fine, time_s);
-        self.coarse.follow(&picture.coarse, &shifts.coarse, time_s);
+        self.follow_laid([&picture.fine, &picture.coarse], shifts, time_s);
     }
 }

@@ -32,6 +32,11 @@ pub(crate) struct Fit {
     pub sd: f64,
 }
 
+impl Fit {
+    /// The fit of a picture on itself.
+    pub(crate) const OWN: Self = Self { picture_from_reference: Homography::IDENTITY, sd: 0.0 };
+}
+
 /// A picture that was registered on a reference.
 #[derive(Debug)]
 pub(crate) struct Registered {

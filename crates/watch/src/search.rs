@@ -7,7 +7,7 @@ use nalgebra::Vector2;
 use roadplane_base::Similarity;
 
 use crate::alignment::Alignment;
-use crate::level::Level;
+use crate::level::{Level, resampled};
 
 /// Largest number of blocks that are searched for in the other picture.
 const BLOCKS: usize = 60;
@@ -71,7 +71,8 @@ pub(crate) fn refined(reference: &Level, picture: &[f32], found: &Similarity) ->
     let middle = Vector2::new(width as f64, height as f64) / 2.0;
     let mut carried = *found;
     for _ in 0..REFINEMENTS {
-        let back = resampled(picture, (width, height), &carried);
+        // Points outside the picture get zero.
+        let back = resampled(picture, (width, height), |point| carried.apply(&point), |_| 0.0);
         let Some(rest) = Alignment::of(&reference.measured(&back, [0, 0])) else { break };
         let pairs = [(0.0, 0.0), (1.0, 0.0), (0.0, 1.0), (1.0, 1.0)].map(|(u, v)| {
             let point = Vector2::new(u * width as f64, v * height as f64);
@@ -81,23 +82,6 @@ pub(crate) fn refined(reference: &Level, picture: &[f32], found: &Similarity) ->
         carried = next;
     }
     carried
-}
-
-/// Resamples a picture through a similarity transform by bilinear interpolation. Points outside the picture get zero.
-fn resampled(picture: &[f32], (width, height): (usize, usize), carried: &Similarity) -> Vec<f32> {
-    let value = |x: usize, y: usize| {
-        let from = carried.apply(&Vector2::new(x as f64 + 0.5, y as f64 + 0.5)).add_scalar(-0.5);
-        let inside = |at: f64, length: usize| at >= 0.0 && at + 1.0 < length as f64;
-        if !inside(from.x, width) || !inside(from.y, height) {
-            return 0.0;
-        }
-        let (column, row) = (from.x as usize, from.y as usize);
-        let (u, v) = (from.x.fract() as f32, from.y.fract() as f32);
-        let mix =
-            |row: usize| picture[row * width + column] * (1.0 - u) + picture[row * width + column + 1] * u;
-        mix(row) * (1.0 - v) + mix(row + 1) * v
-    };
-    (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).map(|(x, y)| value(x, y)).collect()
 }
 
 struct Half {

@@ -67,12 +67,10 @@ impl FrameMotion {
     /// Creates the entry of a frame, with rounded numbers.
     #[must_use]
     pub fn new(frame: u64, time_s: f64, picture_from_world: &Homography) -> Self {
-        let digits = [8, 8, 4, 8, 8, 4, 11, 11];
-        let numbers = picture_from_world.numbers();
         Self {
             frame,
             time_s: decimals(time_s, SECONDS),
-            picture_from_world: std::array::from_fn(|i| decimals(numbers[i], digits[i])),
+            picture_from_world: picture_from_world.rounded_numbers(),
         }
     }
 

@@ -71,8 +71,8 @@ pub struct Summary {
     /// there are no user constraints.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub known: Vec<ConstraintSummary>,
-    /// Vertical lines, parallel cars and turns as evidence on the camera, one entry per camera position. Absent if there are no
-    /// entries.
+    /// Vertical lines, parallel cars and turns as evidence on the camera, one entry per camera position. Absent if there
+    /// are no entries.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub scene_lines: Vec<SceneLinesSummary>,
     /// Warnings about the results, one sentence each.

@@ -65,9 +65,8 @@ impl FrameRecord {
     /// picture of its camera, it is the part of the plane of that picture in view.
     #[must_use]
     pub fn picture_px(&self) -> [f64; 4] {
-        let whole = self.image_size_px.picture_px();
-        let motion = self.watch.as_ref().and_then(|watch| watch.picture_from_world);
-        motion.map_or(whole, |picture_from_world| picture_from_world.inverse().apply_to_box(&whole))
+        let motion = self.watch.as_ref().and_then(|watch| watch.picture_from_world.as_ref());
+        self.image_size_px.part_in_view_px(motion)
     }
 
     /// Reads one line and checks its numbers.

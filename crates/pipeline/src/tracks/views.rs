@@ -20,8 +20,7 @@ impl Views {
 
     /// Returns the picture of a frame as a box in the world picture, px.
     pub(crate) fn picture_px(&self, frame: u64, size: ImageSize) -> [f64; 4] {
-        let whole = size.picture_px();
-        self.of(frame).map_or(whole, |picture_from_world| picture_from_world.inverse().apply_to_box(&whole))
+        size.part_in_view_px(self.of(frame))
     }
 
     /// Converts a box in the world picture to the picture of a frame, px.
