@@ -298,7 +298,7 @@ mod tests {
         let point = |pixel: &[f64; 2]| {
             let (at, _) = truth.utm_from_pixel(*pixel).unwrap();
             let [latitude, longitude] = truth.zone.to_degrees([at.x, at.y]).unwrap();
-            SurveyPoint { pixel: *pixel, latitude, longitude, height_m: 0.0 }
+            SurveyPoint { pixel: *pixel, latitude, longitude, height_m: 0.0, frame: None }
         };
         pixels.iter().map(point).collect()
     }

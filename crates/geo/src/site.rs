@@ -1,6 +1,8 @@
 //! The position of a camera, as given by the user.
 
-use roadplane_base::CameraEstimate;
+use std::collections::BTreeMap;
+
+use roadplane_base::{CameraEstimate, Homography};
 
 use crate::{Place, SurveyPoint, UtmZone};
 
@@ -44,6 +46,27 @@ impl Site {
         }
     }
 
+    /// Returns the indices of the frames that surveyed points name.
+    pub fn frames(&self) -> impl Iterator<Item = u64> + '_ {
+        let points = if let Self::Points(points) = self { points.as_slice() } else { &[] };
+        points.iter().filter_map(|point| point.frame)
+    }
+
+    /// Returns the site with the pixels of all points in the camera's first picture, and the number of points that
+    /// were left out. `world_from_picture` maps pixels of a frame to that picture; points of other frames are left out.
+    #[must_use]
+    pub fn in_first_picture(&self, world_from_picture: &BTreeMap<u64, Homography>) -> (Self, usize) {
+        let Self::Points(points) = self else { return (self.clone(), 0) };
+        let placed = |point: &SurveyPoint| {
+            let Some(frame) = point.frame else { return Some(*point) };
+            let pixel = world_from_picture.get(&frame)?.apply(&point.pixel.into()).into();
+            Some(SurveyPoint { pixel, frame: None, ..*point })
+        };
+        let kept: Vec<_> = points.iter().filter_map(placed).collect();
+        let left_out = points.len() - kept.len();
+        (Self::Points(kept), left_out)
+    }
+
     /// Returns the position and bearing of a camera on the map. Surveyed points also refine the camera's parameters.
     ///
     /// # Errors
@@ -62,8 +85,27 @@ mod tests {
     use super::*;
 
     #[test]
+    fn pixels_of_a_frame_are_put_into_the_first_picture() {
+        let point = SurveyPoint {
+            pixel: [100.0, 50.0],
+            latitude: 51.0,
+            longitude: 13.0,
+            height_m: 0.0,
+            frame: None,
+        };
+        let in_frame = |frame| SurveyPoint { frame: Some(frame), ..point };
+        let site = Site::Points(vec![point, in_frame(7), in_frame(8)]);
+        assert_eq!(site.frames().collect::<Vec<_>>(), [7, 8]);
+        let shift = Homography::from_numbers([1.0, 0.0, 5.0, 0.0, 1.0, -3.0, 0.0, 0.0]).unwrap();
+        let (placed, left_out) = site.in_first_picture(&[(7, shift)].into());
+        let Site::Points(points) = placed else { panic!("points") };
+        assert_eq!((points.len(), left_out), (2, 1));
+        assert_eq!((points[0].pixel, points[1].pixel), ([100.0, 50.0], [105.0, 47.0]));
+    }
+
+    #[test]
     fn bad_sites_are_refused() {
-        let point = SurveyPoint { pixel: [1.0, 2.0], latitude: 51.0, longitude: 13.0, height_m: 0.0 };
+        let point = SurveyPoint { pixel: [1.0, 2.0], latitude: 51.0, longitude: 13.0, height_m: 0.0, frame: None };
         assert!(Site::Points(vec![point; 2]).check().unwrap_err().contains("three or more"));
         let swapped = SurveyPoint { latitude: 151.0, ..point };
         let wrong = Site::Points(vec![point, point, swapped]).check().unwrap_err();

@@ -7,6 +7,7 @@ pub(crate) mod dataset;
 pub(crate) mod detector;
 pub mod keypoints;
 pub(crate) mod kitti;
+pub(crate) mod motion;
 pub(crate) mod regions;
 pub(crate) mod run;
 pub mod solver;

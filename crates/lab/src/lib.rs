@@ -4,7 +4,7 @@
 //! # Contents
 //! ```text
 //! evaluate/   one file or folder per evaluation: activity, box_files, cameras, dataset, detector, keypoints, kitti,
-//!             regions, run (with vehicles), solver, tracker
+//!             motion, regions, run (with vehicles), solver, tracker
 //! systems/    the systems that estimate poses from keypoints (rows of the tables)
 //! tables/     scores as tables and plots with intervals (crate `tables`)
 //! others      error.rs, finished_run.rs, parallel.rs, work.rs, workplace.rs
@@ -33,6 +33,7 @@ pub use evaluate::cameras::evaluate_cameras;
 pub use evaluate::dataset::{DatasetOptions, camera_pictures, dataset_pictures, evaluate_dataset};
 pub use evaluate::detector::{DetectorOptions, evaluate_detector};
 pub use evaluate::kitti::{KittiOptions, evaluate_kitti};
+pub use evaluate::motion::{MotionOptions, evaluate_motion};
 pub use evaluate::regions::evaluate_regions;
 pub use evaluate::run::evaluate_run;
 pub use evaluate::tracker::{Noise, TrackerOptions, evaluate_tracker};

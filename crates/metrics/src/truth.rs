@@ -53,7 +53,7 @@ pub struct Truth {
     /// Conditions of the scene in words: layout, weather …
     #[serde(default)]
     pub conditions: BTreeMap<String, String>,
-    /// The camera and the ground.
+    /// The camera and the ground. A camera that turns has this pose in its first frame.
     pub camera: TrueCamera,
     /// The physical cars of the scene.
     pub models: Vec<Model>,
@@ -127,6 +127,10 @@ pub struct TrueFrame {
     pub time_s: f64,
     /// Cars with at least 15 % of their pixels visible.
     pub cars: Vec<TrueCar>,
+    /// Homography from pixels of [`Truth::camera`] to pixels of this frame, if the camera turns or zooms: the first
+    /// eight numbers of the matrix, row by row. The ninth is 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub picture_from_world: Option<[f64; 8]>,
 }
 
 /// A car in one frame of a truth file.

@@ -12,7 +12,7 @@ use roadplane_write::{FrameReader, PoseLines, read_jsonl, read_scene_curves};
 
 use crate::cameras::camera_track::CameraTrack;
 use crate::cameras::estimate::estimate_cameras;
-use crate::cameras::known::contradiction;
+use crate::cameras::known::{contradiction, in_first_picture};
 use crate::cameras::memory::CameraHistory;
 use crate::not_followed::{FollowCount, NotFollowed};
 use crate::tracks::cars::any_car;
@@ -171,7 +171,8 @@ pub(crate) fn solve_constrained_clip(
         });
         Ok(OneCamera::new(records, Arc::clone(&places)))
     };
-    let Given { constraints, history, site, most_rows } = *given;
+    let Given { history, most_rows, .. } = *given;
+    let (constraints, site, on_frames) = in_first_picture(given.constraints, given.site, read)?;
     let (mut load, mut follow) = (Load::default(), FollowCount::default());
     let counted = read()?.inspect(|frame| {
         if let Ok(frame) = frame {
@@ -180,9 +181,9 @@ pub(crate) fn solve_constrained_clip(
         }
     });
     let mut cameras =
-        estimate_cameras(counted, &read_scene_curves(frames)?, &places, atlas, constraints, history, config)?;
+        estimate_cameras(counted, &read_scene_curves(frames)?, &places, atlas, &constraints, history, config)?;
     let mut warnings = warnings_of(&cameras);
-    let place = site.and_then(|site| {
+    let place = site.as_ref().and_then(|site| {
         let place = cameras.put_on_map(site);
         place.map_err(|why| warnings.push(format!("the camera is not put on the map: {why}"))).ok()
     });
@@ -192,7 +193,7 @@ pub(crate) fn solve_constrained_clip(
     }
     let contradictions = cameras.constraints().iter().filter_map(contradiction);
     let on_constraints: Vec<String> =
-        contradictions.chain(constraints.silent_later().filter(|_| cameras.moves() > 0)).collect();
+        on_frames.into_iter().chain(contradictions).chain(constraints.silent_later().filter(|_| cameras.moves() > 0)).collect();
     let not_followed = follow.sum();
     let on_motion = not_followed.in_words();
     on_motion.iter().for_each(|warning| tracing::warn!("{warning}"));

@@ -4,6 +4,7 @@
 //! - drawings in the picture: `overlay.rs`, `video.rs` (`labels.rs`, `canvas.rs`, `ground_cells.rs`)
 //! - the view from above: `birds_eye.rs`
 //! - the report: `report.rs`, `report/` (`crops.rs`, `histogram.rs`, `activities.rs`)
+//! - warped pictures: `warp.rs`
 //! - pictures of detections, keypoints and edges: `detection_sheet.rs`, `keypoint_sheet.rs`, `lines.rs`
 
 mod activities;
@@ -20,6 +21,7 @@ mod lines;
 mod overlay;
 mod report;
 mod video;
+mod warp;
 
 pub use birds_eye::birds_eye;
 pub use canvas::Rgb;
@@ -31,3 +33,4 @@ pub use lines::with_lines;
 pub use overlay::{DrawnCar, Overlay, horizon_y_px, track_colour};
 pub use report::{ReportInput, Still, TrackStill, report_html};
 pub use video::VideoSink;
+pub use warp::warped;

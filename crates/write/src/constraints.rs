@@ -10,7 +10,7 @@ use crate::WriteError;
 /// Schema id of a JSON file with lengths for the option `--known`.
 pub const CONSTRAINTS_SCHEMA: &str = "roadplane.known/1";
 /// Columns of a CSV file. The columns in brackets are optional.
-const COLUMNS: &str = "x1,y1,x2,y2,length_m,sd_m[,pixel_sd][,name]";
+const COLUMNS: &str = "x1,y1,x2,y2,length_m,sd_m[,pixel_sd][,frame][,name]";
 
 /// Lengths on the ground that the user gives with the option `--known`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -44,6 +44,10 @@ pub struct LengthConstraint {
     #[schemars(extend("exclusiveMinimum" = 0))]
     #[serde(default = "one_pixel")]
     pub pixel_sd: f64,
+    /// Index of the frame that has the two points, from 0, if the camera moves. Without a frame, the points lie in the
+    /// camera's first picture.
+    #[serde(default)]
+    pub frame: Option<u64>,
     /// Name of the length in messages. Without a name, messages contain the number of the length or of its line.
     #[serde(default)]
     pub name: Option<String>,
@@ -64,6 +68,7 @@ struct Line {
     length_m: f64,
     sd_m: f64,
     pixel_sd: Option<f64>,
+    frame: Option<u64>,
     name: Option<String>,
 }
 
@@ -107,6 +112,7 @@ fn table(path: &Path, bytes: &[u8]) -> Result<Vec<LengthConstraint>, WriteError>
             length_m: line.length_m,
             sd_m: line.sd_m,
             pixel_sd: line.pixel_sd.unwrap_or_else(one_pixel),
+            frame: line.frame,
             name: Some(line.name.filter(|name| !name.is_empty()).unwrap_or_else(|| format!("line {number}"))),
         });
     }
@@ -161,14 +167,16 @@ mod tests {
 
     #[test]
     fn a_table_and_json_give_the_same_lengths() {
-        let table = "# bays of the back row\nx1,y1,x2,y2,length_m,sd_m,pixel_sd,name\n\
-                     100, 500, 180.5, 502, 2.5, 0.03, 0.5, bay\n1,2,30,4,5,0.1,,\n";
+        let table = "# bays of the back row\nx1,y1,x2,y2,length_m,sd_m,pixel_sd,frame,name\n\
+                     100, 500, 180.5, 502, 2.5, 0.03, 0.5, 75, bay\n1,2,30,4,5,0.1,,,\n";
         let json = r#"{"schema": "roadplane.known/1", "lengths": [
-            {"from_px": [100, 500], "to_px": [180.5, 502], "length_m": 2.5, "sd_m": 0.03, "pixel_sd": 0.5, "name": "bay"},
+            {"from_px": [100, 500], "to_px": [180.5, 502], "length_m": 2.5, "sd_m": 0.03, "pixel_sd": 0.5,
+             "frame": 75, "name": "bay"},
             {"from_px": [1, 2], "to_px": [30, 4], "length_m": 5, "sd_m": 0.1, "name": "line 4"}]}"#;
         let lengths = read("a.csv", table).unwrap();
         assert_eq!(lengths, read("a.json", json).unwrap());
         assert_eq!((lengths[1].pixel_sd, lengths[1].name.as_deref()), (1.0, Some("line 4")));
+        assert_eq!((lengths[0].frame, lengths[1].frame), (Some(75), None));
         assert!(read("b.CSV", "x1,y1,x2,y2,length_m,sd_m\n1,2,30,4,5,0.1").is_ok());
     }
 

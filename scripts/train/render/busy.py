@@ -76,7 +76,7 @@ def sample_busy(
         site.props = [prop for prop in site.props if np.linalg.norm(prop.world_from_prop[:2, 3]) > 9]
         vehicles = Junction(rng, site, seconds, meshes, rng.uniform(3.5, 6.0), wheelbases).run()
         if _in_view(camera, vehicles, seconds) and not touching(vehicles, seconds):
-            return camera, site, vehicles, frames_of(camera, site, vehicles, seconds, fps), rng
+            return camera, site, vehicles, frames_of([camera] * round(seconds * fps), site, vehicles, fps), rng
 
 
 def _in_view(camera: Camera, vehicles: list[Vehicle], seconds: float) -> bool:
@@ -89,11 +89,13 @@ def _in_view(camera: Camera, vehicles: list[Vehicle], seconds: float) -> bool:
     return IN_VIEW[0] <= np.mean(counts) <= IN_VIEW[1]
 
 
-def frames_of(camera: Camera, site: Site, vehicles: list[Vehicle], seconds: float, fps: float) -> list[list[dict]]:
-    """Returns the well visible vehicles of each frame."""
-    outlines = Outlines(camera, site.props)
+def frames_of(cameras: list[Camera], site: Site, vehicles: list[Vehicle], fps: float) -> list[list[dict]]:
+    """Returns the well visible vehicles of each frame. `cameras` has the camera of each frame."""
+    outlines = Outlines(cameras[0], site.props)
     frames = []
-    for number in range(round(seconds * fps)):
+    for number, camera in enumerate(cameras):
+        if camera != outlines.camera:
+            outlines = Outlines(camera, site.props)
         there = [(i, v, m) for i, v in enumerate(vehicles) if (m := v.at(number / fps)) is not None]
         visible_parts = outlines.visible_parts([(i, v.mesh, m.world_from_car) for i, v, m in there])
         shown = [(i, m) for i, _, m in there if i in visible_parts and visible_parts[i].seen_share >= SMALLEST_SHARE]
@@ -105,25 +107,25 @@ def film(
     renderer: Renderer,
     rng: np.random.Generator,
     path: Path,
-    camera: Camera,
+    cameras: list[Camera],
     site: Site,
     vehicles: list[Vehicle],
     weather: str,
-    seconds: float,
     fps: float,
 ) -> None:
-    """Writes the video.
+    """Writes the video. `cameras` has the camera of each frame.
 
-    Each frame is the one before with its changed parts redrawn, within a grey level of a full redraw.
+    While the camera is at rest, each frame is the one before with its changed parts redrawn, within a grey level of a
+    full redraw.
     """
     gpu = {id(mesh): renderer.upload(mesh) for mesh in {id(v.mesh): v.mesh for v in vehicles}.values()}
     looks = [sample_car_appearance(rng) if vehicle.kind == "car" else sample_heavy_appearance(rng) for vehicle in vehicles]
     _, light = sample_weather(rng, weather)
     finish, centre = sample_finish(rng, weather == "dusk"), np.append(site.origin, 0.0)
-    video = VideoWriter(path, camera.image_size_px, fps, 23)
-    canvas, changed = ExactCanvas(renderer, camera), [(0, 0, *camera.image_size_px)]
-    exposure, start, frames, before = None, time.monotonic(), round(seconds * fps), {}
-    for number in range(frames):
+    size = cameras[0].image_size_px
+    video, canvas = VideoWriter(path, size, fps, 23), ExactCanvas(renderer, cameras[0])
+    exposure, start, before = None, time.monotonic(), {}
+    for number, camera in enumerate(cameras):
         poses = {i: m.world_from_car for i, v in enumerate(vehicles) if (m := v.at(number / fps)) is not None}
         cars = [PlacedCar(gpu[id(vehicles[i].mesh)], looks[i], pose) for i, pose in poses.items()]
         cars.sort(key=lambda car: np.linalg.norm(car.world_from_car[:2, 3]))
@@ -131,15 +133,17 @@ def film(
         if exposure is None:
             set_exposure(rng, scene, weather)
             exposure = light.exposure
-        if number:
+        if number and camera == canvas.camera:
             bounds = {i: gpu[id(vehicles[i].mesh)].bounds for i in before.keys() | poses.keys()}
             changed = changed_regions(camera, light, bounds, before, poses)
+        else:
+            canvas.camera, changed = camera, [(0, 0, *size)]
         canvas.update(scene, changed)
         before = poses
-        video.write(finished(rng, canvas.drawn, camera.image_size_px, finish))
+        video.write(finished(rng, canvas.drawn, size, finish))
         if number % 50 == 49:
-            left = (time.monotonic() - start) / (number + 1) * (frames - number - 1)
-            print(f"{path.stem}: frame {number + 1} of {frames}, {left / 60:.1f} min left", flush=True)
+            left = (time.monotonic() - start) / (number + 1) * (len(cameras) - number - 1)
+            print(f"{path.stem}: frame {number + 1} of {len(cameras)}, {left / 60:.1f} min left", flush=True)
     video.finish()
     for car in gpu.values():
         car.release()
@@ -176,7 +180,7 @@ def make(out: Path, options: argparse.Namespace) -> None:
         media = f"{stem}.mp4" if options.pixels else None
         if options.pixels:
             renderer = renderer or Renderer(shadow_size=4096)
-            film(renderer, rng, folder / media, camera, site, vehicles, weather, options.seconds, options.fps)
+            film(renderer, rng, folder / media, [camera] * len(frames), site, vehicles, weather, options.fps)
         meshes: dict[int, CarMesh] = {i: vehicle.mesh for i, vehicle in enumerate(vehicles)}
         record = item_record(media, options.fps, {"layout": "junction", "weather": weather}, camera, meshes, frames)
         write_json(folder / f"{stem}{TRUTH}", record)

@@ -70,9 +70,16 @@ def item_record(
     camera: Camera,
     meshes: dict[int, CarMesh],
     frames: list[list[dict]],
+    motion: list[np.ndarray] | None = None,
 ) -> dict:
-    """Returns a still (`fps` None) or a clip; `frames` holds each frame's cars, `meshes` the cars by id."""
+    """Returns a still (`fps` None) or a clip; `frames` holds each frame's cars, `meshes` the cars by id.
+
+    `motion` has the homography of each frame of a moving camera, from pixels of `camera` to pixels of the frame.
+    """
     appear = sorted({car["id"] for cars in frames for car in cars})
+    entries = [{"frame": k, "time_s": round(k / fps, 6) if fps else 0.0, "cars": cars} for k, cars in enumerate(frames)]
+    for entry, picture_from_world in zip(entries, motion or [], strict=False):
+        entry["picture_from_world"] = (picture_from_world / picture_from_world[2, 2]).flatten()[:8].tolist()
     return {
         "schema": TRUTH_SCHEMA,
         "media": media,
@@ -82,7 +89,7 @@ def item_record(
         "conditions": conditions,
         "camera": camera_record(camera),
         "models": [model_record(i, meshes[i]) for i in appear],
-        "frames": [{"frame": k, "time_s": round(k / fps, 6) if fps else 0.0, "cars": cars} for k, cars in enumerate(frames)],
+        "frames": entries,
     }
 
 

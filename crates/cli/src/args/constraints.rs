@@ -30,8 +30,8 @@ pub struct ConstraintArgs {
     /// Lens distortion, OpenCV's k1 and k2; needs a focal length.
     #[arg(long, help_heading = HEADING, value_name = "K1[,K2]", allow_hyphen_values = true, value_parser = k1_k2)]
     pub lens: Option<[f64; 2]>,
-    /// Lengths between ground pixels: CSV with x1,y1,x2,y2,length_m,sd_m[,pixel_sd][,name], or JSON (see
-    /// `roadplane schemas known`).
+    /// Lengths between ground pixels: CSV with x1,y1,x2,y2,length_m,sd_m[,pixel_sd][,frame][,name], or JSON (see
+    /// `roadplane schemas known`). If the camera moves, the pixels are those of the frame, or of the first picture.
     #[arg(long, help_heading = HEADING, value_name = "FILE")]
     pub known: Option<PathBuf>,
 }

@@ -31,6 +31,12 @@ pub enum EvalCommand {
         after_help = "Example:\n  roadplane-lab eval regions lot.mp4 road.mp4 --out tables"
     )]
     Regions(EvalRegionsArgs),
+    /// Evaluate moving cameras: film each clip with a camera that turns or zooms, and compare with the clip at rest;
+    /// score rendered clips with turning cameras against truth.
+    #[command(
+        after_help = "Example:\n  roadplane-lab eval motion road.mp4 --set decode.start_s=10 --focal-px 600 --out tables"
+    )]
+    Motion(EvalMotionArgs),
     /// Evaluate activities from 2D motion, 3D motion and pixels against truth (Table 4 of the paper Car Pose in
     /// Context).
     #[command(after_help = "Example:\n  roadplane-lab eval activity tests/data/lots")]
@@ -100,6 +106,32 @@ pub struct EvalRegionsArgs {
     pub config: ConfigArgs,
 }
 
+/// Arguments of `roadplane-lab eval motion`.
+#[derive(Debug, Args)]
+pub struct EvalMotionArgs {
+    /// Videos of cameras at rest, or folders of clips by `roadplane-train render turning`.
+    #[arg(required = true, value_name = "CLIP")]
+    pub inputs: Vec<PathBuf>,
+    /// Length of the films, s.
+    #[arg(long, default_value_t = 12.0, value_name = "S", value_parser = positive)]
+    pub seconds: f64,
+    /// Focal length of the videos, px; by default, the estimate of the run at rest.
+    #[arg(long, value_name = "PX", value_parser = positive)]
+    pub focal_px: Option<f64>,
+    /// Give the focal length to all runs, so that they differ by the motion alone.
+    #[arg(long)]
+    pub given_focal: bool,
+    /// Mirror the videos; the motions have other phases and directions.
+    #[arg(long)]
+    pub mirrored: bool,
+    /// Write the tables as CSV and HTML into this folder, and the films and runs into its subfolders.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+    #[command(flatten)]
+    #[allow(missing_docs)]
+    pub config: ConfigArgs,
+}
+
 /// Keypoints that the systems get.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub enum Keypoints {
@@ -147,6 +179,11 @@ fn number(text: &str) -> Result<f64, String> {
 fn width(text: &str) -> Result<f64, String> {
     let width = number(text)?;
     if width.is_finite() && width >= 0.0 { Ok(width) } else { Err("must not be negative".to_owned()) }
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    let value = number(text)?;
+    if value.is_finite() && value > 0.0 { Ok(value) } else { Err("must be positive".to_owned()) }
 }
 
 fn share(text: &str) -> Result<f64, String> {

@@ -6,6 +6,7 @@ mod dataset;
 mod detector;
 mod keypoints;
 mod kitti;
+mod motion;
 mod regions;
 mod run;
 mod show;
@@ -28,6 +29,7 @@ pub fn eval(args: &EvalArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         EvalCommand::Run(args) => run::run(args),
         EvalCommand::Dataset(args) => dataset::dataset(args, cancel),
         EvalCommand::Regions(args) => regions::regions(args, cancel),
+        EvalCommand::Motion(args) => motion::motion(args, cancel),
         EvalCommand::Activity(args) => activity::activity(args, cancel),
         EvalCommand::Kitti(args) => kitti::kitti(args, cancel),
         EvalCommand::Tracks(args) => files(args, evaluate_mot),

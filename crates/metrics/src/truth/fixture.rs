@@ -62,7 +62,7 @@ pub fn lot(frames: u64) -> Truth {
         let passing = at(-5.0 + 5.0 * time_s, 22.0, 0.0);
         let cars =
             vec![car(0, at(3.0, 15.0, 1.5), 0.0), car(1, at(-4.0, 30.0, -2.0), 0.0), car(2, passing, 5.0)];
-        TrueFrame { frame, time_s, cars }
+        TrueFrame { frame, time_s, cars, picture_from_world: None }
     };
     Truth {
         schema: TRUTH_SCHEMA.to_owned(),

@@ -2,15 +2,18 @@
 
 mod camera_file;
 mod check;
+mod frames;
 mod measured;
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use nalgebra::{Matrix4, Vector2, Vector4};
-use roadplane_base::{Factor, ImageSize, Lens};
+use roadplane_base::{Factor, Homography, ImageSize, Lens};
 use roadplane_write::{LengthConstraint, WriteError, read_constraints};
 
 pub(crate) use check::{contradiction, in_words as constraint_in_words};
+pub(crate) use frames::in_first_picture;
 pub use measured::Measured;
 
 use crate::PipelineError;
@@ -31,6 +34,8 @@ pub struct CameraConstraints {
     lens: Option<KnownLens>,
     /// Lens through which the ends of lengths are observed.
     seen_through: Lens,
+    /// Mapping from pixels of the frames that lengths name to pixels of the camera's first picture.
+    world_from_picture: BTreeMap<u64, Homography>,
     /// All other constraints.
     facts: Vec<Fact>,
 }
@@ -204,6 +209,23 @@ impl CameraConstraints {
         Self { seen_through: lens, ..self.clone() }
     }
 
+    /// Returns the indices of the frames that lengths name.
+    fn frames(&self) -> impl Iterator<Item = u64> + '_ {
+        self.facts.iter().filter_map(Fact::frame)
+    }
+
+    /// Returns the constraints with the positions of the frames that lengths name, and the number of lengths that were
+    /// left out. A length is left out if its frame has no position.
+    fn with_frames(&self, world_from_picture: &BTreeMap<u64, Homography>) -> (Self, usize) {
+        let mut known = self.clone();
+        known
+            .facts
+            .retain(|fact| fact.frame().is_none_or(|frame| world_from_picture.contains_key(&frame)));
+        known.world_from_picture.clone_from(world_from_picture);
+        let left_out = self.facts.len() - known.facts.len();
+        (known, left_out)
+    }
+
     /// Returns whether there are no constraints except an exact focal length and a lens.
     #[must_use]
     pub fn is_silent(&self) -> bool {
@@ -253,7 +275,7 @@ impl CameraConstraints {
         self.facts
             .iter()
             .filter(|fact| position == 0 || fact.holds_everywhere())
-            .map(|fact| fact.factor(size, self.seen_through))
+            .map(|fact| fact.factor(size, self))
             .collect()
     }
 
@@ -272,8 +294,13 @@ impl Fact {
         matches!(self, Self::Number(Number { which: 0 | 3, .. }))
     }
 
-    /// Returns the constraint as a factor, for pictures of this size seen through this lens.
-    fn factor(&self, size: ImageSize, lens: Lens) -> Factor {
+    /// Returns the index of the frame that the constraint names.
+    fn frame(&self) -> Option<u64> {
+        if let Self::Length { length, .. } = self { length.frame } else { None }
+    }
+
+    /// Returns the constraint as a factor, for pictures of this size. `known` has the lens and the positions of frames.
+    fn factor(&self, size: ImageSize, known: &CameraConstraints) -> Factor {
         match self {
             Self::Number(Number { which, value, sd }) => {
                 Factor::Number { which: *which, value: *value, sd: *sd }
@@ -281,13 +308,20 @@ impl Fact {
             Self::Camera { mean, information, by_cars, .. } => {
                 Factor::Camera { mean: *mean, information: *information, by_cars: *by_cars }
             }
-            Self::Length { length, .. } => Factor::Length {
-                ends_px: [length.from_px, length.to_px]
-                    .map(|end| lens.undistorted(&(Vector2::from(end) - size.centre_px()))),
-                end_sd_px: length.pixel_sd,
-                length_m: length.length_m,
-                log_sd: length.sd_m / length.length_m,
-            },
+            Self::Length { length, .. } => {
+                let view = length.frame.and_then(|frame| known.world_from_picture.get(&frame));
+                let view = view.unwrap_or(&Homography::IDENTITY);
+                let growth = view.jacobian(&length.from_px.into()).determinant().abs().sqrt();
+                let on_ray = |end: [f64; 2]| {
+                    known.seen_through.undistorted(&(view.apply(&Vector2::from(end)) - size.centre_px()))
+                };
+                Factor::Length {
+                    ends_px: [length.from_px, length.to_px].map(on_ray),
+                    end_sd_px: length.pixel_sd * growth,
+                    length_m: length.length_m,
+                    log_sd: length.sd_m / length.length_m,
+                }
+            }
         }
     }
 }

@@ -13,7 +13,7 @@ use roadplane_write::{FrameReader, PoseLines, read_scene_curves, write_camera};
 
 use crate::cameras::estimate::{estimate_cameras, prior_camera};
 use crate::cameras::frame::{estimate_frame, estimate_frame_as_paper};
-use crate::cameras::known::contradiction;
+use crate::cameras::known::{contradiction, in_first_picture};
 use crate::estimation::places_of;
 use crate::tracks::cars::{CarriedPoses, FrameCamera, any_car, fit_frame, free_pose_record, pose_record};
 use crate::tracks::usable;
@@ -84,12 +84,14 @@ pub fn solve_file(
     let mut estimates = Vec::new();
     match options.method {
         SolveMethod::Joint => {
+            let (constraints, _, warning) = in_first_picture(constraints, None, || read("frames"))?;
+            warning.iter().for_each(|warning| tracing::warn!("{warning}"));
             let cameras = estimate_cameras(
                 read("camera")?,
                 &read_scene_curves(frames)?,
                 &places,
                 &atlas,
-                constraints,
+                &constraints,
                 None,
                 config,
             )?;

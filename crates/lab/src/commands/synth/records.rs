@@ -86,6 +86,7 @@ pub fn truth(item: &Item, conditions: BTreeMap<String, String>) -> Truth {
                 frame: number as u64,
                 time_s: time_s(item, number),
                 cars: cars.iter().map(|car| true_car(item, car)).collect(),
+                picture_from_world: None,
             })
             .collect(),
     }

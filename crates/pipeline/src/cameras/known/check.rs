@@ -25,7 +25,7 @@ impl CameraConstraints {
             let mut others = self.clone();
             others.facts.remove(i);
             if let Some(camera) = without(&others) {
-                checked.extend(fact.against(&camera, size));
+                checked.extend(fact.against(&camera, size, &others.seen_through(camera.lens)));
             }
         }
         checked
@@ -50,8 +50,13 @@ pub(crate) fn in_words(known: &ConstraintSummary) -> String {
 }
 
 impl Fact {
-    /// Compares the constraint with a camera that was estimated without it.
-    fn against(&self, camera: &CameraEstimate, size: ImageSize) -> Vec<ConstraintSummary> {
+    /// Compares the constraint with a camera that was estimated from the other constraints, `others`.
+    fn against(
+        &self,
+        camera: &CameraEstimate,
+        size: ImageSize,
+        others: &CameraConstraints,
+    ) -> Vec<ConstraintSummary> {
         let (mean, covariance) = (camera.params.to_vector(), &camera.covariance);
         let number = |which: usize, value: f64, sd: f64, of: &str| {
             let (name, unit) = NUMBERS[which];
@@ -83,7 +88,7 @@ impl Fact {
                 told.collect()
             }
             Self::Length { file, length } => {
-                let factor = self.factor(size, camera.lens);
+                let factor = self.factor(size, others);
                 let Some((metres, log_sd)) = factor.length(&mean) else { return Vec::new() };
                 let by = Vector4::from_fn(|i, _| {
                     let moved = |step: f64| {

@@ -106,6 +106,27 @@ fn lengths_are_measured_from_the_middle_and_must_lie_in_the_picture() {
 }
 
 #[test]
+fn lengths_of_a_frame_are_put_into_the_first_picture() {
+    let folder = tempfile::tempdir().unwrap();
+    let table = "x1,y1,x2,y2,length_m,sd_m,frame\n959.5,539.5,1059.5,639.5,2.5,0.05,7\n1,2,3,4,2.5,0.05,8\n";
+    let path = file(folder.path(), "bays.csv", table);
+    let options = ConstraintOptions { lengths: Some(&path), ..ConstraintOptions::default() };
+    let known = CameraConstraints::new(&options).unwrap();
+    // The first picture shows the scene at half the size, shifted.
+    let view = Homography::from_numbers([0.5, 0.0, 500.0, 0.0, 0.5, 300.0, 0.0, 0.0]).unwrap();
+    let (known, left_out) = known.with_frames(&[(7, view)].into());
+    assert_eq!(left_out, 1);
+    let corner = Vector2::new(0.5 * 959.5 + 500.0, 0.5 * 539.5 + 300.0) - SIZE.centre_px();
+    let expected = Factor::Length {
+        ends_px: [corner, corner + Vector2::new(50.0, 50.0)],
+        end_sd_px: 0.5,
+        length_m: 2.5,
+        log_sd: 0.02,
+    };
+    assert_eq!(known.for_pictures(SIZE).unwrap().factors(0, SIZE), [expected]);
+}
+
+#[test]
 fn cameras_of_other_programs_are_read() {
     let folder = tempfile::tempdir().unwrap();
     let opencv = "%YAML:1.0\n---\nimage_width: 960\nimage_height: 540\ncamera_matrix: !!opencv-matrix\n   rows: 3\n   cols: 3\n   \

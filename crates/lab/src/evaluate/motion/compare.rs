@@ -1,0 +1,111 @@
+//! Compares the run on a film with motion against the run on the film at rest.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::Complex;
+use roadplane_base::{Homography, ImageSize, TrackRow, bbox_iou};
+
+/// Least IoU of the boxes of one vehicle in the two runs.
+const SAME: f64 = 0.3;
+/// Distance within which places are compared in metres, m. Beyond it, they are compared in units of their sds.
+const NEAR_M: f64 = 60.0;
+/// Least share of a box that must lie in the picture.
+const IN_VIEW: f64 = 0.95;
+/// Frames between two runs of the keypoint net on a vehicle, at most. A row counts as observed if a row so near is.
+const KEYPOINT_STRIDE: u64 = 2;
+
+/// Differences between the rows of two runs.
+pub(super) struct Difference {
+    /// Number of tracks at rest with observed rows in view of the other run.
+    pub tracks_in_view: usize,
+    /// Share of the observed rows at rest that are also observed in the other run.
+    pub observed: f64,
+    /// Rms distance of the places within [`NEAR_M`], m.
+    pub near_m: f64,
+    /// Rms distance of the places beyond [`NEAR_M`], in units of their sds at rest.
+    pub far_sds: f64,
+}
+
+/// Rows of a run by frame.
+pub(super) struct Rows<'a>(BTreeMap<u64, Vec<&'a TrackRow>>);
+
+impl<'a> Rows<'a> {
+    /// Sorts rows by frame.
+    pub fn new(rows: &'a [TrackRow]) -> Self {
+        let mut by_frame: BTreeMap<u64, Vec<&TrackRow>> = BTreeMap::new();
+        for row in rows {
+            by_frame.entry(row.frame).or_default().push(row);
+        }
+        Self(by_frame)
+    }
+
+    fn at(&self, frame: u64) -> &[&'a TrackRow] {
+        self.0.get(&frame).map_or(&[], Vec::as_slice)
+    }
+
+    /// Whether a track is observed in a frame, or so near to it that the keypoint net did not run again.
+    fn is_observed(&self, track: u64, frame: u64) -> bool {
+        let near = self.0.range(frame.saturating_sub(KEYPOINT_STRIDE)..=frame + KEYPOINT_STRIDE);
+        near.flat_map(|(_, rows)| rows).any(|row| row.track == track && row.observed)
+    }
+
+    /// Compares the rows at rest (`self`) with those of a moving film. `size` is the size of its pictures. The function
+    /// `change` returns the homography from a frame at rest to the frame of the moving film.
+    pub fn compare(
+        &self,
+        moving: &Rows<'_>,
+        size: ImageSize,
+        change: impl Fn(u64) -> Homography,
+    ) -> Difference {
+        let (mut in_view, mut found) = (0_usize, 0_usize);
+        let mut tracks_in_view = BTreeSet::new();
+        let mut pairs: Vec<(&TrackRow, &TrackRow)> = Vec::new();
+        for (&frame, rows) in &self.0 {
+            let change = change(frame);
+            for row in rows.iter().filter(|row| row.observed) {
+                let bbox_px = change.apply_to_box(&row.bbox_px);
+                if share_inside(&bbox_px, size) < IN_VIEW {
+                    continue;
+                }
+                in_view += 1;
+                tracks_in_view.insert(row.track);
+                let overlap = |other: &&TrackRow| bbox_iou(&other.bbox_px, &bbox_px);
+                let best =
+                    moving.at(frame).iter().copied().max_by(|a, b| overlap(a).total_cmp(&overlap(b)));
+                if let Some(best) = best.filter(|best| overlap(best) >= SAME) {
+                    found += usize::from(moving.is_observed(best.track, frame));
+                    pairs.push((row, best));
+                }
+            }
+        }
+        let place = |row: &TrackRow| Complex::new(row.x_m, row.y_m);
+        // The world axes are those of the first picture, whose direction differs.
+        let turn = pairs.iter().map(|(rest, moved)| place(rest) * place(moved).conj()).sum::<Complex<f64>>();
+        let turn = turn / turn.norm().max(f64::MIN_POSITIVE);
+        let away_m = |(rest, moved): &(&TrackRow, &TrackRow)| (place(moved) * turn - place(rest)).norm();
+        let (near, far): (Vec<_>, Vec<_>) =
+            pairs.into_iter().partition(|(rest, _)| place(rest).norm() <= NEAR_M);
+        let rms =
+            |values: Vec<f64>| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
+        Difference {
+            tracks_in_view: tracks_in_view.len(),
+            observed: found as f64 / in_view as f64,
+            near_m: rms(near.iter().map(away_m).collect()),
+            far_sds: rms(
+                far.iter().map(|pair| away_m(pair) / pair.0.x_sd_m.hypot(pair.0.y_sd_m)).collect()
+            ),
+        }
+    }
+}
+
+/// Returns the number of tracks.
+pub(super) fn tracks(rows: &[TrackRow]) -> usize {
+    rows.iter().map(|row| row.track).collect::<BTreeSet<_>>().len()
+}
+
+fn share_inside(bbox_px: &[f64; 4], size: ImageSize) -> f64 {
+    let [x0, y0, x1, y1] = bbox_px;
+    let [right, bottom] = [size.width, size.height].map(|side| f64::from(side) - 1.0);
+    let inside = (x1.min(right) - x0.max(0.0)).max(0.0) * (y1.min(bottom) - y0.max(0.0)).max(0.0);
+    inside / ((x1 - x0) * (y1 - y0))
+}
