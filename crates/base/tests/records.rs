@@ -39,7 +39,7 @@ fn frame() -> FrameRecord {
         }),
         changed: Some(0.125),
         seen: None,
-        left_out: false,
+        left_out: None,
         motion: vec![Registration {
             reference: 2,
             homography: Some([1.0, 0.01, 3.5, -0.01, 1.0, -2.0, 1e-5, 0.0]),

@@ -11,7 +11,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector2};
-use roadplane_base::{CameraMove, FrameRecord, Homography, MoveKind, PictureVerdict};
+use roadplane_base::{CameraMove, FrameRecord, Homography, MoveKind, NotFollowedReason, PictureVerdict};
 
 use crate::places::Places;
 
@@ -39,8 +39,8 @@ pub struct OneCamera<I> {
     is_over: bool,
     /// Position of the last picture whose position is known.
     last: Option<Position>,
-    /// Whether the last inference frame lies on no reference.
-    is_lost: bool,
+    /// Reason why the vehicles of the last inference frame are not followed.
+    lost: Option<NotFollowedReason>,
     /// Place of the last converted frame.
     place: usize,
 }
@@ -55,7 +55,7 @@ impl<I> OneCamera<I> {
             ready: VecDeque::new(),
             is_over: false,
             last: None,
-            is_lost: false,
+            lost: None,
             place: 0,
         }
     }
@@ -63,11 +63,13 @@ impl<I> OneCamera<I> {
     /// Converts the waiting frames, and then the inference frame that ends the wait.
     fn convert(&mut self, inference: Option<FrameRecord>) {
         let before = self.last;
-        let was_lost = self.is_lost;
+        let was_lost = self.lost;
         let now = inference.as_ref().and_then(|frame| self.position(frame));
         for frame in std::mem::take(&mut self.waiting) {
             let position = before.map(|before| match now {
-                Some(now) if now.place == before.place && now.time_s > before.time_s && !self.is_lost => {
+                Some(now)
+                    if now.place == before.place && now.time_s > before.time_s && self.lost.is_none() =>
+                {
                     let share = (frame.time_s - before.time_s) / (now.time_s - before.time_s);
                     before.picture_from_world.between(&now.picture_from_world, share)
                 }
@@ -80,9 +82,9 @@ impl<I> OneCamera<I> {
         match now {
             Some(now) => {
                 self.last = Some(now);
-                self.emit(frame, now.place, now.picture_from_world, self.is_lost);
+                self.emit(frame, now.place, now.picture_from_world, self.lost);
             }
-            None => self.emit(frame, self.place, Homography::IDENTITY, self.is_lost),
+            None => self.emit(frame, self.place, Homography::IDENTITY, self.lost),
         }
     }
 
@@ -90,7 +92,7 @@ impl<I> OneCamera<I> {
     fn position(&mut self, frame: &FrameRecord) -> Option<Position> {
         let watch = frame.watch.as_ref()?;
         let time_s = frame.time_s;
-        self.is_lost = false;
+        self.lost = None;
         for registration in &watch.motion {
             if let Some(placed) = self.places.placed(registration.reference) {
                 let picture_from_world =
@@ -102,8 +104,12 @@ impl<I> OneCamera<I> {
         if !self.places.is_measured() {
             return Some(Position { time_s, place: 0, picture_from_world: shifted(watch.offset()) });
         }
-        self.is_lost = matches!(watch.verdict, PictureVerdict::Unsettled | PictureVerdict::Moving)
-            || watch.motion.iter().any(|registration| self.places.is_travelling(registration.reference));
+        self.lost = if watch.motion.iter().any(|found| self.places.is_travelling(found.reference)) {
+            Some(NotFollowedReason::Travelling)
+        } else {
+            matches!(watch.verdict, PictureVerdict::Unsettled | PictureVerdict::Moving)
+                .then_some(NotFollowedReason::NotRegistered)
+        };
         Some(
             self.last
                 .map_or(Position { time_s, place: 0, picture_from_world: Homography::IDENTITY }, |last| {
@@ -113,7 +119,14 @@ impl<I> OneCamera<I> {
     }
 
     /// Converts a frame and adds it to those that are ready.
-    fn emit(&mut self, mut frame: FrameRecord, place: usize, picture_from_world: Homography, is_lost: bool) {
+    fn emit(
+        &mut self,
+        mut frame: FrameRecord,
+        place: usize,
+        picture_from_world: Homography,
+        lost: Option<NotFollowedReason>,
+    ) {
+        let is_lost = lost.is_some();
         let is_blind = frame.watch.as_ref().is_some_and(|watch| watch.verdict.is_blind());
         if is_blind || is_lost {
             frame.cars.clear();
@@ -126,7 +139,7 @@ impl<I> OneCamera<I> {
         let (since_frame, since_s) = (frame.frame, frame.time_s);
         if let Some(watch) = &mut frame.watch {
             let is_old = !self.places.is_measured();
-            watch.left_out = is_lost && !is_blind;
+            watch.left_out = lost.filter(|_| !is_blind);
             if !is_old {
                 watch.place = Some(place);
                 let cut =

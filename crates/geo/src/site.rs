@@ -86,13 +86,8 @@ mod tests {
 
     #[test]
     fn pixels_of_a_frame_are_put_into_the_first_picture() {
-        let point = SurveyPoint {
-            pixel: [100.0, 50.0],
-            latitude: 51.0,
-            longitude: 13.0,
-            height_m: 0.0,
-            frame: None,
-        };
+        let point =
+            SurveyPoint { pixel: [100.0, 50.0], latitude: 51.0, longitude: 13.0, height_m: 0.0, frame: None };
         let in_frame = |frame| SurveyPoint { frame: Some(frame), ..point };
         let site = Site::Points(vec![point, in_frame(7), in_frame(8)]);
         assert_eq!(site.frames().collect::<Vec<_>>(), [7, 8]);
@@ -105,7 +100,8 @@ mod tests {
 
     #[test]
     fn bad_sites_are_refused() {
-        let point = SurveyPoint { pixel: [1.0, 2.0], latitude: 51.0, longitude: 13.0, height_m: 0.0, frame: None };
+        let point =
+            SurveyPoint { pixel: [1.0, 2.0], latitude: 51.0, longitude: 13.0, height_m: 0.0, frame: None };
         assert!(Site::Points(vec![point; 2]).check().unwrap_err().contains("three or more"));
         let swapped = SurveyPoint { latitude: 151.0, ..point };
         let wrong = Site::Points(vec![point, point, swapped]).check().unwrap_err();

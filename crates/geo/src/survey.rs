@@ -104,7 +104,13 @@ mod tests {
         assert_eq!(of("1,2,51,13,0.5,75\n"), (0.5, Some(75)));
         assert_eq!(of("x_px,y_px,latitude,longitude,frame\n1,2,51,13,75\n"), (0.0, Some(75)));
         assert_eq!(of("x_px,y_px,latitude,longitude,height_m,frame\n1,2,51,13,,\n"), (0.0, None));
-        for text in ["1,2,51,13\n1,2,51\n", "\n1,x,51,13", "1,2,3,4\n1,2,nan,4\n", "\n1,2,51,13,0,7.5", "\n1,2,51,13,0,7,8"] {
+        for text in [
+            "1,2,51,13\n1,2,51\n",
+            "\n1,x,51,13",
+            "1,2,3,4\n1,2,nan,4\n",
+            "\n1,2,51,13,0,7.5",
+            "\n1,2,51,13,0,7,8",
+        ] {
             assert!(read(text).unwrap_err().to_string().starts_with("line 2 must have"));
         }
     }

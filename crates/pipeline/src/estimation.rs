@@ -180,8 +180,15 @@ pub(crate) fn solve_constrained_clip(
             follow.add(frame);
         }
     });
-    let mut cameras =
-        estimate_cameras(counted, &read_scene_curves(frames)?, &places, atlas, &constraints, history, config)?;
+    let mut cameras = estimate_cameras(
+        counted,
+        &read_scene_curves(frames)?,
+        &places,
+        atlas,
+        &constraints,
+        history,
+        config,
+    )?;
     let mut warnings = warnings_of(&cameras);
     let place = site.as_ref().and_then(|site| {
         let place = cameras.put_on_map(site);
@@ -192,9 +199,12 @@ pub(crate) fn solve_constrained_clip(
         warnings.extend(fit.warnings.iter().cloned());
     }
     let contradictions = cameras.constraints().iter().filter_map(contradiction);
-    let on_constraints: Vec<String> =
-        on_frames.into_iter().chain(contradictions).chain(constraints.silent_later().filter(|_| cameras.moves() > 0)).collect();
-    let not_followed = follow.sum();
+    let on_constraints: Vec<String> = on_frames
+        .into_iter()
+        .chain(contradictions)
+        .chain(constraints.silent_later().filter(|_| cameras.moves() > 0))
+        .collect();
+    let not_followed = follow.finish();
     let on_motion = not_followed.in_words();
     on_motion.iter().for_each(|warning| tracing::warn!("{warning}"));
     let on_map = if site.is_some() { &warnings[..] } else { &[] };

@@ -46,8 +46,8 @@ pub use schema::{FRAMES_SCHEMA, POSES_SCHEMA, schema, schemas};
 pub use speed::{CpuMs, Speed};
 pub use spool::{FrameReader, FrameSpool, Recovered, read_scene_curves};
 pub use summary::{
-    ConstraintSummary, Counts, InputSummary, ModelSummary, RunStatus, SUMMARY_SCHEMA, SceneLinesSummary,
-    StageSeconds, Summary, WatchInterval, WatchSummary, read_summary, write_summary,
+    ConstraintSummary, Counts, InputSummary, ModelSummary, NotFollowedInterval, RunStatus, SUMMARY_SCHEMA,
+    SceneLinesSummary, StageSeconds, Summary, WatchInterval, WatchSummary, read_summary, write_summary,
 };
 pub use table::{TableFormat, TableRow, read_table, write_table};
 pub use tracks::{TrackCsv, TrackFiles};

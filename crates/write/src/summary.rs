@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use roadplane_base::{CameraMove, PictureVerdict};
+use roadplane_base::{CameraMove, NotFollowedReason, PictureVerdict};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
@@ -172,6 +172,20 @@ pub struct WatchSummary {
     #[serde(default)]
     #[schemars(range(min = 0, max = 1))]
     pub not_followed_share: f64,
+    /// The intervals in which vehicles were not followed because the camera moved. Absent if there are none.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub not_followed: Vec<NotFollowedInterval>,
+}
+
+/// An interval in which vehicles were not followed because of the motion of the camera.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct NotFollowedInterval {
+    /// Reason why the vehicles were not followed.
+    pub reason: NotFollowedReason,
+    /// Presentation time of the first frame of the interval, s.
+    pub from_s: f64,
+    /// Presentation time of the last frame of the interval, s.
+    pub to_s: f64,
 }
 
 /// An interval in which the state of the camera does not change.

@@ -64,10 +64,10 @@ pub struct WatchRecord {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0, max = 1))]
     pub seen: Option<f64>,
-    /// Whether the frame's vehicles were left out of the estimation, because the picture lies on no reference. It is not
-    /// stored in files: `OneCamera` of the crate `calibrate` sets it.
+    /// Reason why the frame's vehicles were left out of the estimation; `None` if they were not. It is not stored in
+    /// files: `OneCamera` of the crate `calibrate` sets it.
     #[serde(skip)]
-    pub left_out: bool,
+    pub left_out: Option<NotFollowedReason>,
     /// Index of the place that the picture shows, from 0. A camera that returns to a place shows the same place again. It
     /// is not stored in files: `OneCamera` of the crate `calibrate` sets it.
     #[serde(skip)]
@@ -76,6 +76,17 @@ pub struct WatchRecord {
     /// to the first picture where this is set. It is not stored in files: `OneCamera` of the crate `calibrate` sets it.
     #[serde(skip)]
     pub picture_from_world: Option<Homography>,
+}
+
+/// Reason why the vehicles of a frame are not followed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum NotFollowedReason {
+    /// The camera is carried along. Near and far parts of the scene then shift differently, so no rotation explains the
+    /// motion.
+    Travelling,
+    /// The motion of the camera could not be measured.
+    NotRegistered,
 }
 
 /// How a picture lies on the picture of an earlier frame. A camera that turns and zooms about its centre gives a

@@ -7,7 +7,7 @@ mod turned;
 use std::path::{Path, PathBuf};
 
 use roadplane_pipeline::{
-    Cancel, CameraConstraints, Config, Existing, Progress, RunOptions, Silent, run_input,
+    CameraConstraints, Cancel, Config, Existing, Progress, RunOptions, Silent, run_input,
 };
 use roadplane_tables::{Cell, Column, Report, Table};
 use roadplane_write::{CameraFile, Summary, WriteError, read_camera};
@@ -85,8 +85,7 @@ impl Runner<'_> {
         let out = self.folder(if scheduled { "runs" } else { "full" })?;
         let folder = run_input(clip, &out, &options, &config, self.cancel, &Silent)?.folder;
         let path = folder.join("summary.json");
-        let summary =
-            serde_json::from_str(&read_text(&path)?).map_err(|e| LabError::malformed(&path, e))?;
+        let summary = serde_json::from_str(&read_text(&path)?).map_err(|e| LabError::malformed(&path, e))?;
         let camera = read_camera(&folder.join("camera.json"))?;
         Ok(Run { finished: FinishedRun::read(&folder)?, camera, summary })
     }
@@ -187,8 +186,7 @@ fn films(
         };
         let film = |motion: Motion, frame: u64| clip.film_from_clip(motion, frame, focal_px);
         let change = |frame: u64| film(Motion::Rest, frame).inverse().then(&film(motion, frame));
-        let difference =
-            at_rest.compare(&Rows::new(&run.finished.rows), clip.film_size(motion), change);
+        let difference = at_rest.compare(&Rows::new(&run.finished.rows), clip.film_size(motion), change);
         let worlds = run.camera.segments.len().max(1);
         let place = |value: f64| if worlds == 1 { value } else { f64::NAN };
         // Focal lengths in pixels of the film at rest.

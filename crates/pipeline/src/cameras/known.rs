@@ -218,9 +218,7 @@ impl CameraConstraints {
     /// left out. A length is left out if its frame has no position.
     fn with_frames(&self, world_from_picture: &BTreeMap<u64, Homography>) -> (Self, usize) {
         let mut known = self.clone();
-        known
-            .facts
-            .retain(|fact| fact.frame().is_none_or(|frame| world_from_picture.contains_key(&frame)));
+        known.facts.retain(|fact| fact.frame().is_none_or(|frame| world_from_picture.contains_key(&frame)));
         known.world_from_picture.clone_from(world_from_picture);
         let left_out = self.facts.len() - known.facts.len();
         (known, left_out)

@@ -16,7 +16,7 @@ pub(crate) fn losses_in_words(counts: &Counts, rows: &[TrackRow], options: &Deco
     }
     if frames_not_followed > 0 {
         sentences.push(format!(
-            "Vehicles were not followed in {frames_not_followed} frames, because the motion of the camera could not be measured."
+            "Vehicles were not followed in {frames_not_followed} frames, because of the motion of the camera."
         ));
     }
     sentences.extend(left_out(options));
@@ -109,7 +109,7 @@ mod tests {
             sentences,
             [
                 "10 of 100 frames could not be decoded.",
-                "Vehicles were not followed in 7 frames, because the motion of the camera could not be measured.",
+                "Vehicles were not followed in 7 frames, because of the motion of the camera.",
                 "Skipped by the configuration: the time before 4 s, all but one of every 3 frames.",
                 "60 of 90 decoded frames were skipped by these settings.",
                 "135 boxes of trucks, in no track of the class: a truck has no shape model, so position, heading and size come \

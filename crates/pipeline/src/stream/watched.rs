@@ -1,6 +1,6 @@
 //! Summarises the watcher's results over a clip: camera moves, shake and unusable pictures.
 
-use roadplane_base::{CameraMove, FrameRecord, MoveKind, PictureVerdict};
+use roadplane_base::{CameraMove, FrameRecord, MoveKind, NotFollowedReason, PictureVerdict};
 use roadplane_write::{WatchInterval, WatchSummary};
 
 /// Collects the watcher's results from the records of frames, in the order of time.
@@ -52,6 +52,13 @@ pub fn in_words(watch: &WatchSummary) -> Vec<String> {
         format!("{:.1} – {:.1} s: {}", interval.from_s, interval.to_s, verdict_in_words(interval.verdict))
     };
     let mut lines: Vec<String> = doubts.map(in_words).collect();
+    lines.extend(watch.not_followed.iter().map(|interval| {
+        let why = match interval.reason {
+            NotFollowedReason::Travelling => "the camera is carried along",
+            NotFollowedReason::NotRegistered => "the motion of the camera could not be measured",
+        };
+        format!("{:.1} – {:.1} s: {why}, and vehicles are not followed", interval.from_s, interval.to_s)
+    }));
     if watch.farthest_shake_px > 0.0 {
         lines.push(format!(
             "the picture shakes by up to {:.1} px; the shake is removed",
@@ -99,6 +106,7 @@ fn verdict_in_words(verdict: PictureVerdict) -> &'static str {
 mod tests {
     use super::*;
     use roadplane_base::{ImageSize, WatchRecord};
+    use roadplane_write::NotFollowedInterval;
 
     #[test]
     fn intervals_and_moves_are_reported_once() {
@@ -117,8 +125,11 @@ mod tests {
             let size = ImageSize { width: 640, height: 360 };
             watched.push(&FrameRecord { watch, ..FrameRecord::empty(frame, frame as f64 * 0.1, size) });
         }
-        let summary = watched.finish();
-        assert_eq!(in_words(&summary), ["1.0 – 1.9 s: the picture is black"]);
+        let mut summary = watched.finish();
+        let interval = NotFollowedInterval { reason: NotFollowedReason::Travelling, from_s: 2.0, to_s: 2.9 };
+        summary.not_followed.push(interval);
+        let carried = "2.0 – 2.9 s: the camera is carried along, and vehicles are not followed";
+        assert_eq!(in_words(&summary), ["1.0 – 1.9 s: the picture is black", carried]);
         assert_eq!(
             move_in_words(&summary.moves[0]),
             "frame 22 (2.20 s): the camera was zoomed by +5.1 %, which shifted the picture by 3, -4 px"

@@ -19,8 +19,7 @@ pub fn motion(args: &EvalMotionArgs, cancel: &Cancel) -> anyhow::Result<Outcome>
         mirrored: args.mirrored,
     };
     let work = Workplace::new(args.out.as_deref())?;
-    let report =
-        evaluate_motion(&args.inputs, work.folder(), &options, &config, cancel, &Bar::new("eval"))?;
+    let report = evaluate_motion(&args.inputs, work.folder(), &options, &config, cancel, &Bar::new("eval"))?;
     show(&report, args.out.as_deref())?;
     Ok(Outcome::Done)
 }

@@ -70,8 +70,7 @@ impl<'a> Rows<'a> {
                 in_view += 1;
                 tracks_in_view.insert(row.track);
                 let overlap = |other: &&TrackRow| bbox_iou(&other.bbox_px, &bbox_px);
-                let best =
-                    moving.at(frame).iter().copied().max_by(|a, b| overlap(a).total_cmp(&overlap(b)));
+                let best = moving.at(frame).iter().copied().max_by(|a, b| overlap(a).total_cmp(&overlap(b)));
                 if let Some(best) = best.filter(|best| overlap(best) >= SAME) {
                     found += usize::from(moving.is_observed(best.track, frame));
                     pairs.push((row, best));
@@ -85,15 +84,12 @@ impl<'a> Rows<'a> {
         let away_m = |(rest, moved): &(&TrackRow, &TrackRow)| (place(moved) * turn - place(rest)).norm();
         let (near, far): (Vec<_>, Vec<_>) =
             pairs.into_iter().partition(|(rest, _)| place(rest).norm() <= NEAR_M);
-        let rms =
-            |values: Vec<f64>| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
+        let rms = |values: Vec<f64>| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt();
         Difference {
             tracks_in_view: tracks_in_view.len(),
             observed: found as f64 / in_view as f64,
             near_m: rms(near.iter().map(away_m).collect()),
-            far_sds: rms(
-                far.iter().map(|pair| away_m(pair) / pair.0.x_sd_m.hypot(pair.0.y_sd_m)).collect()
-            ),
+            far_sds: rms(far.iter().map(|pair| away_m(pair) / pair.0.x_sd_m.hypot(pair.0.y_sd_m)).collect()),
         }
     }
 }

@@ -96,12 +96,7 @@ pub(super) struct Clip {
 
 impl Clip {
     /// Opens a clip. The film shows `decode`'s part of it, at most `seconds` long.
-    pub fn open(
-        path: &Path,
-        decode: &DecodeOptions,
-        seconds: f64,
-        mirrored: bool,
-    ) -> Result<Self, LabError> {
+    pub fn open(path: &Path, decode: &DecodeOptions, seconds: f64, mirrored: bool) -> Result<Self, LabError> {
         let end_s = decode.start_s + seconds;
         let decode =
             DecodeOptions { end_s: Some(decode.end_s.map_or(end_s, |end| end.min(end_s))), ..decode.clone() };

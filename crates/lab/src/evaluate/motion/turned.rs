@@ -104,8 +104,8 @@ fn motion_errors(camera: &CameraFile, truth: &Truth) -> (Vec<f64>, Vec<f64>) {
         let estimate = found.get(&frame.frame).copied().unwrap_or(Homography::IDENTITY);
         let Some(error) = error_of(&exact, &first.inverse().then(&estimate), &truth.camera) else { continue };
         let growth = growth_of_rows(&error);
-        let rotation = Matrix3::from_diagonal(&[1.0 / growth, 1.0 / growth, 1.0].into()) * error
-            / error.row(2).norm();
+        let rotation =
+            Matrix3::from_diagonal(&[1.0 / growth, 1.0 / growth, 1.0].into()) * error / error.row(2).norm();
         let axis = [
             rotation[(2, 1)] - rotation[(1, 2)],
             rotation[(0, 2)] - rotation[(2, 0)],

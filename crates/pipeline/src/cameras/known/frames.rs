@@ -55,7 +55,7 @@ fn views_of(
             continue;
         }
         let watch = frame.watch.as_ref();
-        if watch.is_some_and(|watch| watch.left_out || watch.place.is_some_and(|place| place > 0)) {
+        if watch.is_some_and(|watch| watch.left_out.is_some() || watch.place.is_some_and(|place| place > 0)) {
             continue;
         }
         let picture_from_world = watch.and_then(|watch| watch.picture_from_world);
@@ -68,7 +68,7 @@ fn views_of(
 mod tests {
     use super::*;
     use nalgebra::Vector2;
-    use roadplane_base::{ImageSize, WatchRecord};
+    use roadplane_base::{ImageSize, NotFollowedReason, WatchRecord};
 
     #[test]
     fn frames_of_the_first_place_have_views() {
@@ -77,7 +77,7 @@ mod tests {
         let frame = |number: u64| {
             let watch = WatchRecord {
                 place: Some(usize::from(number == 3)),
-                left_out: number == 2,
+                left_out: (number == 2).then_some(NotFollowedReason::NotRegistered),
                 picture_from_world: (number == 1).then_some(shift),
                 ..WatchRecord::default()
             };
