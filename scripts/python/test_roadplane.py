@@ -17,7 +17,7 @@ from polars.testing import assert_frame_equal
 from rerun.experimental import RrdReader
 
 import roadplane
-from roadplane import Camera
+from roadplane import Camera, View
 
 TOP = Path(__file__).parents[2]
 FIXTURE = TOP / "tests/data/geometry.json"
@@ -61,6 +61,23 @@ class Geometry(unittest.TestCase):
         self.assertTrue(np.isnan(camera.project([0, -30, 0])).all())
         self.assertTrue(np.isinf(camera.ground_from_pixel_sd([[640, 700]])).all())
         self.assertEqual(camera.project([[[1, 20, 0]]]).shape, (1, 1, 2))
+
+    def test_a_view_is_a_turn_and_a_zoom(self) -> None:
+        camera = Camera((0, 9), (1280, 720), (639.5, 359.5), np.array([7.0, 0.2, -0.01, 2.0]), np.eye(4), "estimated")
+
+        def rays(focal_px: float) -> np.ndarray:
+            return np.array([[focal_px, 0, 639.5], [0, focal_px, 359.5], [0, 0, 1]])
+
+        cos, sin = np.cos(0.1), np.sin(0.1)
+        rotation = np.array([[cos, 0, -sin], [0, 1, 0], [sin, 0, cos]])
+        view = View(rays(1.2 * camera.focal_px) @ rotation @ np.linalg.inv(rays(camera.focal_px)))
+        growth, turn = view.turn(camera)
+        self.assertAlmostEqual(growth, 1.2)
+        np.testing.assert_allclose(turn, rotation, atol=1e-12)
+        pixels = np.array([[100.0, 50.0], [1200.0, 700.0]])
+        np.testing.assert_allclose(view.world_from_picture_px(view.picture_from_world_px(pixels)), pixels)
+        middle = view.picture_from_world_px([639.5, 359.5])
+        np.testing.assert_allclose(middle, [639.5 - 1.2 * camera.focal_px * np.tan(0.1), 359.5])
 
     def test_repr_is_short(self) -> None:
         camera = Camera((0, 9), (1280, 720), (639.5, 359.5), np.array([7.0, 0.2, -0.01, 2.0]), np.eye(4), "estimated")
@@ -107,6 +124,17 @@ class FinishedRun(unittest.TestCase):
                 pd.testing.assert_frame_equal(roadplane.load(bare).tracks(), pd.read_csv(bare / "tracks.csv"), rtol=1e-12)
                 expected = pl.read_csv(bare / "tracks.csv", infer_schema_length=None)
                 assert_frame_equal(roadplane.load(bare).tracks("polars"), expected, rel_tol=1e-12)
+
+    def test_views_are_those_of_the_motion(self) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            moving = self._without_parquet(Path(folder))
+            camera = json.loads((moving / "camera.json").read_text())
+            shift = [1.0, 0.0, 5.0, 0.0, 1.0, -3.0, 0.0, 0.0]
+            camera["motion"] = [{"frame": 7, "time_s": 0.7, "picture_from_world": shift}]
+            (moving / "camera.json").write_text(json.dumps(camera))
+            found = roadplane.load(moving)
+            np.testing.assert_allclose(found.view(7).picture_from_world_px([10, 10]), [15, 7])
+            np.testing.assert_allclose(found.view(8).picture_from_world_px([10, 10]), [10, 10])
 
     def _without_parquet(self, folder: Path) -> Path:
         """Returns a copy of the run that has tracks.csv, but not tracks.parquet."""

@@ -1,16 +1,27 @@
 //! Homographies of the picture plane: the motion of a picture between two orientations or focal lengths of a camera.
 
-use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, Rotation3, SMatrix, SVector, Vector2, Vector3};
 
 use crate::{KeypointSet, Similarity};
 
 /// Least third homogeneous coordinate of a mapped point. Below it, the point is behind the camera or nearly so.
 const LEAST_DEPTH: f64 = 1e-3;
+/// Largest number of iterations of a singular value decomposition.
+const SVD_ROUNDS: usize = 100;
 
 /// A homography of the picture plane, px. A camera that turns or zooms about its centre maps pixels by `K₁ R K₀⁻¹`
 /// (Hartley & Zisserman 2004, section 8.4). The last number of the matrix is 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Homography(Matrix3<f64>);
+
+/// The turn and the zoom of a camera between two pictures.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Turn {
+    /// Focal length of the second picture, divided by that of the first.
+    pub growth: f64,
+    /// Rotation from the camera frame of the first picture to that of the second.
+    pub rotation: Rotation3<f64>,
+}
 
 impl Homography {
     /// The homography that maps each point to itself.
@@ -132,6 +143,23 @@ impl Homography {
         Similarity::fit(&pairs).unwrap_or(Similarity::carrying(&Vector2::zeros(), &Vector2::zeros(), 1.0))
     }
 
+    /// Returns the turn and zoom `K_g R K⁻¹` that this homography is nearly, for a camera with this focal length and
+    /// principal point, px. R is the nearest rotation (Hartley & Zisserman 2004, section 8.4). Returns `None` if there
+    /// is none.
+    #[must_use]
+    pub fn turn(&self, focal_px: f64, centre_px: &Vector2<f64>) -> Option<Turn> {
+        let (x, y) = (centre_px.x, centre_px.y);
+        let rays = Matrix3::new(focal_px, 0.0, x, 0.0, focal_px, y, 0.0, 0.0, 1.0);
+        let unit = 1.0 / focal_px;
+        let inverse = Matrix3::new(unit, 0.0, -x * unit, 0.0, unit, -y * unit, 0.0, 0.0, 1.0);
+        let turn = inverse * self.0 * rays;
+        let growth =
+            (0.5 * (turn.row(0).norm_squared() + turn.row(1).norm_squared())).sqrt() / turn.row(2).norm();
+        let unscaled = Matrix3::from_diagonal(&Vector3::new(1.0 / growth, 1.0 / growth, 1.0)) * turn;
+        let svd = unscaled.try_svd(true, true, f64::EPSILON, SVD_ROUNDS)?;
+        Some(Turn { growth, rotation: Rotation3::from_matrix_unchecked(svd.u? * svd.v_t?) })
+    }
+
     /// Returns the homography between two others, at a share of the way: 0 gives `self`, 1 gives `other`. The numbers
     /// are interpolated, so both should be near each other.
     #[must_use]
@@ -233,6 +261,17 @@ mod tests {
             for (a, b) in found.numbers().into_iter().zip(truth.numbers()) {
                 prop_assert!((a - b).abs() < 1e-9);
             }
+        }
+
+        #[test]
+        fn a_turn_is_found_again(pan in -0.5f64..0.5, tilt in -0.3f64..0.3, growth in 0.5f64..2.0) {
+            let (focal, centre) = (900.0, Vector2::new(639.5, 359.5));
+            let k = |focal: f64| Matrix3::new(focal, 0.0, centre.x, 0.0, focal, centre.y, 0.0, 0.0, 1.0);
+            let rotation = Rotation3::from_euler_angles(tilt, pan, 0.1);
+            let picture = k(growth * focal) * rotation.matrix() * k(focal).try_inverse().unwrap();
+            let turn = Homography::new(picture).unwrap().turn(focal, &centre).unwrap();
+            prop_assert!((turn.growth - growth).abs() < 1e-9);
+            prop_assert!((turn.rotation.matrix() - rotation.matrix()).norm() < 1e-9);
         }
 
         #[test]

@@ -5,7 +5,7 @@
 //! grid, the rotation and the zoom that fit a registration best are removed. What remains is its misfit.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
-use roadplane_base::{Factor, FrameRecord, Homography, ImageSize, Registration};
+use roadplane_base::{Factor, FrameRecord, Homography, ImageSize, Registration, Turn};
 
 /// Number of focal lengths of the grid.
 const GRID: usize = 64;
@@ -28,8 +28,6 @@ const MAX_SD: f64 = 0.3;
 const TRAVELLING: f64 = 10.0;
 /// Least sd of a registration in the misfit, px. Errors of neighbouring blocks are alike, which its own sd leaves out.
 const LEAST_SD_PX: f64 = 0.1;
-/// Largest number of rounds of a singular value decomposition.
-const SVD_ROUNDS: usize = 100;
 /// Points of a registration that are compared, in each direction.
 const POINTS: usize = 5;
 
@@ -97,7 +95,7 @@ impl Misfit {
         let mapping = centred(reference_from_world, size);
         for (i, cost) in self.cost.iter_mut().enumerate() {
             // The focal length of the reference is that of the world picture times the zoom between them.
-            let (growth, _) = growth_and_turn(&mapping, focal_at(i));
+            let growth = mapping.turn(focal_at(i), &Vector2::zeros()).map_or(1.0, |turn| turn.growth);
             let at = (i as f64 + growth.ln() / STEP).clamp(0.0, (GRID - 1) as f64);
             let (low, part) = (at as usize, at.fract());
             let high = (low + 1).min(GRID - 1);
@@ -145,26 +143,17 @@ fn centred(mapping: &Homography, size: ImageSize) -> Homography {
     mapping.in_coordinates(1.0, -size.centre_px()).in_coordinates(1.0 / unit, Vector2::zeros())
 }
 
-/// Returns the zoom g of a mapping `K_g R K⁻¹` with this focal length, and the matrix `K⁻¹ H K`, about g R.
-fn growth_and_turn(mapping: &Homography, focal: f64) -> (f64, Matrix3<f64>) {
-    let rays = Matrix3::from_diagonal(&Vector3::new(focal, focal, 1.0));
-    let inverse = Matrix3::from_diagonal(&Vector3::new(1.0 / focal, 1.0 / focal, 1.0));
-    let turn = inverse * mapping.matrix() * rays;
-    let growth =
-        (0.5 * (turn.row(0).norm_squared() + turn.row(1).norm_squared())).sqrt() / turn.row(2).norm();
-    (growth, turn)
-}
-
 /// Returns the mean squared distance per coordinate between a mapping and the nearest `K_g R K⁻¹` of a focal length: for
 /// a lens without distortion, and for any radial distortion. Lengths are in half widths of the picture, from its middle.
 fn remaining(mapping: &Homography, focal: f64, aspect: f64) -> [f64; 2] {
     let inverse = Matrix3::from_diagonal(&Vector3::new(1.0 / focal, 1.0 / focal, 1.0));
-    let (growth, turn) = growth_and_turn(mapping, focal);
-    let unscaled = Matrix3::from_diagonal(&Vector3::new(1.0 / growth, 1.0 / growth, 1.0)) * turn;
-    let svd = unscaled.try_svd(true, true, f64::EPSILON, SVD_ROUNDS);
-    let Some((Some(u), Some(v))) = svd.map(|svd| (svd.u, svd.v_t)) else { return [f64::INFINITY; 2] };
+    let Some(Turn { growth, rotation }) = mapping.turn(focal, &Vector2::zeros()) else {
+        return [f64::INFINITY; 2];
+    };
     let zoomed = Matrix3::from_diagonal(&Vector3::new(focal * growth, focal * growth, 1.0));
-    let Some(model) = Homography::new(zoomed * (u * v) * inverse) else { return [f64::INFINITY; 2] };
+    let Some(model) = Homography::new(zoomed * rotation.matrix() * inverse) else {
+        return [f64::INFINITY; 2];
+    };
     // Small changes of rotation, zoom and distortion take out the rest that they can explain.
     let mut normal = SMatrix::<f64, 5, 5>::zeros();
     let mut right = SVector::<f64, 5>::zeros();

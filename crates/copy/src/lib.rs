@@ -47,6 +47,6 @@ pub fn write_scene(scene: &Scene, folder: &Path) -> Result<(), WriteError> {
     }
     opendrive::document(scene).write(&folder.join("road.xodr"))?;
     openscenario::document(scene).write(&folder.join("scenario.xosc"))?;
-    write_camera(&folder.join("camera.json"), &[scene.camera.estimate()], Vec::new())?;
+    write_camera(&folder.join("camera.json"), &[scene.camera.estimate()], scene.motion.clone())?;
     write_json(&folder.join("scene.json"), scene)
 }

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 use roadplane_base::{GroundPose, KEYPOINTS, MODES, Shape, ShapeAtlas, TrackRow, VehicleClass};
 use roadplane_export::{Run, RunSegment, Track};
-use roadplane_write::CameraSegment;
+use roadplane_write::{CameraSegment, FrameMotion};
 use serde::Serialize;
 
 use crate::mesh::CarMesh;
@@ -40,6 +40,9 @@ pub struct Scene {
     pub frames_per_s: f64,
     /// Camera and ground plane in the segment of the run that the scene shows.
     pub camera: CameraSegment,
+    /// Motion of the camera, as in `camera.json` of the run. Absent if the camera was at rest.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub motion: Vec<FrameMotion>,
     /// Vehicles, sorted by track number.
     pub vehicles: Vec<Vehicle>,
 }
@@ -100,12 +103,15 @@ impl Scene {
         let vehicle = |(track, rows): &(&Track, Vec<TrackRow>)| {
             Vehicle::new(track, rows, span_s[0], colours.get(&track.id).copied(), atlas)
         };
+        let is_here = |row: &&FrameMotion| span_s[0] <= row.time_s && row.time_s <= span_s[1];
+        let motion = run.motion.values().filter(is_here).copied().collect();
         Some(Self {
             schema: SCENE_SCHEMA.to_owned(),
             name: longest.name.clone(),
             span_s,
             frames_per_s: run.frames_per_s,
             camera: longest.camera.clone(),
+            motion,
             vehicles: of_tracks.iter().map(vehicle).collect(),
         })
     }

@@ -8,7 +8,7 @@ use nalgebra::Vector2;
 use roadplane_base::{PoseRecord, Shape, ShapeAtlas, TrackRow, VehicleClass};
 use roadplane_geo::{Fit, Site};
 use roadplane_write::{
-    CameraSegment, Summary, WriteError, read_camera, read_jsonl, read_summary, rounded_row,
+    CameraSegment, FrameMotion, Summary, WriteError, read_camera, read_jsonl, read_summary, rounded_row,
 };
 use serde::Deserialize;
 
@@ -30,6 +30,8 @@ pub struct Run {
     /// Segments of the run between camera moves, in the order of time. Each segment has its own world frame. The list
     /// is never empty.
     pub segments: Vec<RunSegment>,
+    /// Motion of the camera by frame index. Frames whose picture is not displaced are missing.
+    pub motion: BTreeMap<u64, FrameMotion>,
     /// Position of the camera on the map; `None` if the user gave no position. With a position, the run has only one
     /// segment, and every row has `on_map`.
     pub place: Option<Fit>,
@@ -134,6 +136,7 @@ impl Run {
                 .map(|(id, rows)| Track::new(id, rows, shapes.get(&id).copied(), &atlas))
                 .collect(),
             segments: segments(&name, camera.all()),
+            motion: camera.motion.into_iter().map(|row| (row.frame, row)).collect(),
             media: media_of(&summary),
             events,
             place,

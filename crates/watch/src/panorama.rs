@@ -186,21 +186,34 @@ impl Panorama {
                 return Some((i, found.fit));
             }
         }
-        // A search costs more than all other steps, so each picture searches one keyframe.
-        let searched = *candidates.get(self.next_searched % candidates.len().max(1))?;
+        // A search costs more than all other steps. A lost picture is searched on the last keyframe, as a fast pan may
+        // have begun, and each picture on one more keyframe.
+        if !is_young && let Some(fit) = self.searched(count - 1, picture) {
+            return Some((count - 1, fit));
+        }
+        let index = *candidates.get(self.next_searched % candidates.len().max(1))?;
         self.next_searched += 1;
-        let reference = &self.keyframes[searched].reference;
+        Some((index, self.searched(index, picture)?))
+    }
+
+    /// Looks for the picture on a keyframe, whatever its position.
+    fn searched(&self, index: usize, picture: &Prepared) -> Option<Fit> {
+        let reference = &self.keyframes[index].reference;
         let found = search(reference.fine(), picture.smooth())?;
         let size = reference.fine().size();
         let middle = Vector2::new(size.0 as f64, size.1 as f64) / 2.0;
         let carried = refined(reference.fine(), picture.smooth(), &found);
         let about = Homography::from(carried).in_coordinates(1.0, -middle);
-        Some((searched, reference.registered(picture, &about)?.fit))
+        Some(reference.registered(picture, &about)?.fit)
     }
 
     /// Makes a keyframe the current one, with the position of the current picture on it.
     fn use_keyframe(&mut self, index: usize, fit: &Fit) {
         let mut keyframe = self.keyframes.remove(index);
+        let (last, picture) = keyframe.last;
+        if picture + 1 == self.pictures {
+            self.step = Some(last.inverse().then(&fit.picture_from_reference));
+        }
         keyframe.last = (fit.picture_from_reference, self.pictures);
         self.keyframes.push(keyframe);
     }
@@ -282,6 +295,21 @@ mod tests {
         let pixels = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
         let values = pixels.map(|(x, y)| value(x + moved, y)).collect();
         SmallGrey { width, height, factor: 1, values }
+    }
+
+    #[test]
+    fn a_fast_pan_is_followed_from_its_beginning() {
+        // The step is beyond the reach of a registration without a prediction. A cut precedes the pan.
+        const STEP: usize = 24;
+        const CUT: u64 = 3;
+        let mut panorama = Panorama::default();
+        for index in 0..40_u64 {
+            let small = seen(if index < CUT { 9000 } else { STEP * index as usize });
+            let stamp = FrameStamp { index, pts_nanos: 33_333_333 * index as i64 };
+            panorama.register(stamp, &small, &Prepared::of(&small));
+        }
+        let chains: Vec<u64> = panorama.keyframes.iter().map(|keyframe| keyframe.chain).collect();
+        assert!(chains.len() > 2 && chains.iter().all(|chain| [0, CUT].contains(chain)), "{chains:?}");
     }
 
     #[test]

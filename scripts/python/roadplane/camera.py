@@ -196,6 +196,44 @@ class Camera:
         return np.stack([(of(self.params + step) - of(self.params - step)) / (2 * _STEP) for step in steps], axis=-1)
 
 
+@dataclass(frozen=True, eq=False)
+class View:
+    """The picture of one frame of a camera that turns or zooms.
+
+    `Camera` projects into the camera's first picture, the world picture. A view converts between that picture and the
+    frame's own, in which the boxes of `tracks` lie.
+
+    Attributes:
+        picture_from_world: [3, 3] homography from pixels of the world picture to pixels of the frame.
+    """
+
+    picture_from_world: Array
+
+    def picture_from_world_px(self, pixels: npt.ArrayLike) -> Array:
+        """Converts pixels [..., 2] of the world picture to pixels of the frame."""
+        return _mapped(self.picture_from_world, pixels)
+
+    def world_from_picture_px(self, pixels: npt.ArrayLike) -> Array:
+        """Converts pixels [..., 2] of the frame to pixels of the world picture."""
+        return _mapped(np.asarray(np.linalg.inv(self.picture_from_world)), pixels)
+
+    def turn(self, camera: Camera) -> tuple[float, Array]:
+        """Returns the zoom, and the [3, 3] rotation from the camera's frame to that of the frame's camera."""
+        x, y = camera.principal_point_px
+        rays = np.array([[camera.focal_px, 0, x], [0, camera.focal_px, y], [0, 0, 1]])
+        turn = np.linalg.inv(rays) @ self.picture_from_world @ rays
+        rows = np.linalg.norm(turn, axis=1)
+        growth = float(np.sqrt((rows[0] ** 2 + rows[1] ** 2) / 2) / rows[2])
+        left, _, right = np.linalg.svd(np.diag([1 / growth, 1 / growth, 1]) @ turn)
+        return growth, left @ right
+
+
+def _mapped(homography: Array, pixels: npt.ArrayLike) -> Array:
+    array = np.asarray(pixels, dtype=float)
+    mapped = np.concatenate([array, np.ones_like(array[..., :1])], axis=-1) @ homography.T
+    return np.asarray(mapped[..., :2] / mapped[..., 2:])
+
+
 def _square(pixels: Array) -> Array:
     return np.asarray(np.sum(pixels**2, axis=-1, keepdims=True))
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import rerun as rr
 
-from roadplane.camera import Camera
+from roadplane.camera import Camera, View
 
 if TYPE_CHECKING:
     from roadplane.run import Run
@@ -28,9 +28,13 @@ def record(run: Run, path: Path) -> None:
         for segment, camera in enumerate(run.cameras):
             here = rows[rows["segment"] == segment].to_dict("records")
             _set_time(here[0]["frame"] if here else 0, camera.span_s[0])
-            _log_camera(camera, is_static=len(run.cameras) == 1)
+            _log_camera(camera, View(np.eye(3)), is_static=len(run.cameras) == 1 and not run.views)
+            last = None
             for row in here:
                 _set_time(row["frame"], row["time_s"])
+                if run.views and row["frame"] != last:
+                    last = row["frame"]
+                    _log_camera(camera, run.view(last), is_static=False)
                 _log_row(row)
         for track, frame in rows.groupby("track")["frame"].max().items():
             rr.set_time("frame", sequence=frame + 1)
@@ -44,11 +48,16 @@ def _set_time(frame: int, time_s: float) -> None:
     rr.set_time("time", duration=time_s)
 
 
-def _log_camera(camera: Camera, is_static: bool) -> None:
-    world_from_camera = np.linalg.inv(camera.camera_from_world())
+def _log_camera(camera: Camera, view: View, is_static: bool) -> None:
+    growth, rotation = view.turn(camera)
+    camera_from_world = camera.camera_from_world()
+    camera_from_world[:3] = rotation @ camera_from_world[:3]
+    world_from_camera = np.linalg.inv(camera_from_world)
     pose = rr.Transform3D(translation=world_from_camera[:3, 3], mat3x3=world_from_camera[:3, :3])
     pinhole = rr.Pinhole(
-        focal_length=camera.focal_px, resolution=camera.image_size_px, principal_point=np.array(camera.principal_point_px) + 0.5
+        focal_length=growth * camera.focal_px,
+        resolution=camera.image_size_px,
+        principal_point=np.array(camera.principal_point_px) + 0.5,
     )
     rr.log("world/camera", pose, static=is_static)
     rr.log("world/camera/picture", pinhole, static=is_static)

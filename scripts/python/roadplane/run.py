@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, overload
 
+import numpy as np
 import pandas as pd
 
 from roadplane import tables
-from roadplane.camera import Camera
+from roadplane.camera import Camera, View
 from roadplane.extras import extra
 
 if TYPE_CHECKING:
@@ -32,11 +33,13 @@ class Run:
         cameras: one camera per time interval, in order; more than one if the camera was moved. A row's `segment` is an
             index into it.
         summary: contents of `summary.json`: versions, configuration, counts, warnings.
+        views: the view of each frame whose picture is displaced, by frame; empty if the camera was at rest.
     """
 
     folder: Path
     cameras: tuple[Camera, ...]
     summary: dict[str, Any]
+    views: dict[int, View] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         """Returns the folder and the number of cameras."""
@@ -47,6 +50,10 @@ class Run:
     def camera(self) -> Camera:
         """Returns the camera of the longest interval."""
         return max(self.cameras, key=lambda camera: camera.span_s[1] - camera.span_s[0])
+
+    def view(self, frame: int) -> View:
+        """Returns the view of a frame: how its picture lies on the picture that `cameras` describe."""
+        return self.views.get(frame) or View(np.eye(3))
 
     @overload
     def tracks(self, library: Literal["pandas"] = ...) -> pd.DataFrame: ...
@@ -158,4 +165,5 @@ def load(folder: str | PathLike[str]) -> Run:
     # In older versions, a file with one interval has its camera at the top level only.
     segments = camera.get("segments") or [camera]
     cameras = tuple(Camera.from_json(segment) for segment in segments)
-    return Run(folder, cameras, json.loads(summary.read_text(encoding="utf-8")))
+    views = {row["frame"]: View(np.append(row["picture_from_world"], 1.0).reshape(3, 3)) for row in camera.get("motion", [])}
+    return Run(folder, cameras, json.loads(summary.read_text(encoding="utf-8")), views)

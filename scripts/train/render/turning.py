@@ -127,7 +127,9 @@ def main() -> None:
     parser.add_argument("--motions", nargs="+", default=MOTIONS, choices=MOTIONS)
     parser.add_argument("--seconds", type=float, default=12.0)
     parser.add_argument("--fps", type=float, default=10.0)
-    parser.add_argument("--size", type=lambda text: tuple(map(int, text.split("x"))), default=(1920, 1080), metavar="WIDTHxHEIGHT")
+    parser.add_argument(
+        "--size", type=lambda text: tuple(map(int, text.split("x"))), default=(1920, 1080), metavar="WIDTHxHEIGHT"
+    )
     parser.add_argument("--split", choices=("train", "eval"), default="eval")
     parser.add_argument("--seed", type=int, default=40)
     make(parser.parse_args())

@@ -3,14 +3,15 @@
 //! A line has the fields `frame id type truncated occluded alpha box(4) height width length x y z rotation_y score`.
 //!
 //! The position is the middle of the body's underside in the camera frame, m. KITTI has no tilt, so `rotation_y` is the
-//! heading in the x–z plane of the camera. Each segment between camera moves is a separate sequence.
+//! heading in the x–z plane of the camera. Each segment between camera moves is a separate sequence. A camera that turns
+//! has its direction in each frame. A zoom cannot be described: the calibration file has one focal length.
 
 use std::fmt::Write as _;
 use std::path::Path;
 
-use nalgebra::{Point3, Vector3};
+use nalgebra::{Point3, UnitQuaternion, Vector3};
 use roadplane_base::{VehicleClass, wrap_angle};
-use roadplane_write::WriteError;
+use roadplane_write::{FrameMotion, WriteError};
 
 use super::files::{subfolder, write_text};
 use crate::{Run, RunSegment};
@@ -38,10 +39,14 @@ fn kind(class: VehicleClass) -> &'static str {
 }
 
 fn label_lines(run: &Run, segment: &RunSegment) -> String {
-    let camera_from_world = segment.camera.plane().camera_from_world();
+    let at_rest = segment.camera.plane().camera_from_world();
+    let centre_px = segment.camera.principal_point_px.into();
     let mut text = String::new();
     for (track, row) in run.rows().into_iter().filter(|(_, row)| segment.contains(row)) {
-        let camera_from_car = camera_from_world * row.pose().world_from_car();
+        let view = run.motion.get(&row.frame).and_then(FrameMotion::picture_from_world);
+        let turn = view.and_then(|view| view.turn(segment.camera.focal_px, &centre_px));
+        let turn = turn.map_or(UnitQuaternion::identity(), |turn| turn.rotation.into());
+        let camera_from_car = turn * at_rest * row.pose().world_from_car();
         let at = camera_from_car * Point3::new(track.centre_m, 0.0, 0.0);
         let forward = camera_from_car.rotation * Vector3::x();
         let rotation_y = (-forward.z).atan2(forward.x);

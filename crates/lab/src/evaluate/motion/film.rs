@@ -95,7 +95,7 @@ pub(super) struct Clip {
 }
 
 impl Clip {
-    /// Opens a clip. The film shows `decode`'s part of it, at most `seconds` long.
+    /// Opens a clip. The film shows `decode`'s part of it for `seconds`.
     pub fn open(path: &Path, decode: &DecodeOptions, seconds: f64, mirrored: bool) -> Result<Self, LabError> {
         let end_s = decode.start_s + seconds;
         let decode =
@@ -177,14 +177,20 @@ impl Clip {
         clip.and_then(|clip| Homography::new(film * rotation.matrix() * clip)).unwrap_or(Homography::IDENTITY)
     }
 
-    /// Writes a film of the clip.
+    /// Writes a film of the clip. A clip that is shorter than the film is repeated.
     pub fn film(&self, motion: Motion, focal_px: f64, out: &Path) -> Result<(), LabError> {
-        let mut input = open(&self.path, &self.decode).map_err(PipelineError::from)?;
+        let open = || open(&self.path, &self.decode).map_err(PipelineError::from);
+        let mut input = open()?;
         let size = self.film_size(motion);
         let mut video =
             VideoSink::create(out, size.width, size.height, self.fps).map_err(PipelineError::from)?;
-        let mut number = 0;
-        while let Some(mut frame) = input.next_frame().map_err(PipelineError::from)? {
+        for number in 0..(self.seconds * self.fps).round() as u64 {
+            let mut frame = input.next_frame().map_err(PipelineError::from)?;
+            if frame.is_none() {
+                input = open()?;
+                frame = input.next_frame().map_err(PipelineError::from)?;
+            }
+            let Some(mut frame) = frame else { break };
             if self.mirrored {
                 image::imageops::flip_horizontal_in_place(&mut frame.image);
             }
@@ -192,7 +198,6 @@ impl Clip {
             let picture = warped(&frame.image, &mapping, size).map_err(PipelineError::from)?;
             video.write(&picture).map_err(PipelineError::from)?;
             input.reuse(frame.image);
-            number += 1;
         }
         Ok(video.finish().map_err(PipelineError::from)?)
     }

@@ -3,8 +3,8 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use nalgebra::Matrix3;
-use roadplane_base::Homography;
+use nalgebra::Vector2;
+use roadplane_base::{Homography, Turn};
 use roadplane_metrics::hota::HotaCounts;
 use roadplane_metrics::scoring::score_tracks;
 use roadplane_metrics::truth::{TrueCamera, Truth, read_dataset, read_truth};
@@ -103,32 +103,17 @@ fn motion_errors(camera: &CameraFile, truth: &Truth) -> (Vec<f64>, Vec<f64>) {
         // Frames that are not displaced have no entry.
         let estimate = found.get(&frame.frame).copied().unwrap_or(Homography::IDENTITY);
         let Some(error) = error_of(&exact, &first.inverse().then(&estimate), &truth.camera) else { continue };
-        let growth = growth_of_rows(&error);
-        let rotation =
-            Matrix3::from_diagonal(&[1.0 / growth, 1.0 / growth, 1.0].into()) * error / error.row(2).norm();
-        let axis = [
-            rotation[(2, 1)] - rotation[(1, 2)],
-            rotation[(0, 2)] - rotation[(2, 0)],
-            rotation[(1, 0)] - rotation[(0, 1)],
-        ];
-        rotations.push((axis.iter().map(|v| v * v).sum::<f64>().sqrt() / 2.0).asin().to_degrees());
-        growths.push(100.0 * (growth - 1.0).abs());
+        rotations.push(error.rotation.angle().to_degrees());
+        growths.push(100.0 * (error.growth - 1.0).abs());
     }
     (rotations, growths)
 }
 
-/// Returns K₁⁻¹ E K₁ = diag(g, g, 1) R for the error E between two motions `K₁ R K₀⁻¹`. K₀ is the camera's.
-fn error_of(exact: &Homography, estimate: &Homography, camera: &TrueCamera) -> Option<Matrix3<f64>> {
-    let [x, y] = camera.principal_point_px;
-    let matrix = |focal_px: f64| Matrix3::new(focal_px, 0.0, x, 0.0, focal_px, y, 0.0, 0.0, 1.0);
-    let k0 = matrix(camera.focal_px);
-    let k1 = matrix(camera.focal_px * growth_of_rows(&(k0.try_inverse()? * exact.matrix() * k0)));
-    Some(k1.try_inverse()? * exact.inverse().then(estimate).matrix() * k1)
-}
-
-/// Returns g of a matrix diag(g, g, 1) R, up to scale.
-fn growth_of_rows(matrix: &Matrix3<f64>) -> f64 {
-    (matrix.row(0).norm() * matrix.row(1).norm()).sqrt() / matrix.row(2).norm()
+/// Returns the turn and zoom between the exact and the estimated motion `K₁ R K₀⁻¹`. K₀ is the camera's.
+fn error_of(exact: &Homography, estimate: &Homography, camera: &TrueCamera) -> Option<Turn> {
+    let centre = Vector2::from(camera.principal_point_px);
+    let focal_px = camera.focal_px * exact.turn(camera.focal_px, &centre)?.growth;
+    exact.inverse().then(estimate).turn(focal_px, &centre)
 }
 
 /// Returns the table of errors in sds over all clips.
