@@ -157,7 +157,7 @@ fn surveyed_points_that_were_not_given_are_predicted_within_their_sds() {
         .into_iter()
         .map(|[x, y, east, north]| {
             let [latitude, longitude] = zone.to_degrees([east, north]).unwrap();
-            SurveyPoint { pixel: [x, y], latitude, longitude, height_m: 0.0 }
+            SurveyPoint { pixel: [x, y], latitude, longitude, height_m: 0.0, frame: None }
         })
         .collect();
     let (mut squares, mut within) = (Vec::new(), 0);

@@ -24,7 +24,7 @@ const MODEL_SD: f64 = 0.015;
 /// Largest sd of log focal length that is used.
 const MAX_SD: f64 = 0.3;
 /// Least misfit of a camera that is carried along, as a multiple of the misfit that the sds predict (root mean square).
-/// Measured: at most 2 for clips that were made to turn, 32 to 154 for a camera that is carried by 1 m/s.
+/// Measured: at most 2.3 for clips that were made to turn, 32 to 154 for a camera that is carried by 1 m/s.
 const TRAVELLING: f64 = 10.0;
 /// Least sd of a registration in the misfit, px. Errors of neighbouring blocks are alike, which its own sd leaves out.
 const LEAST_SD_PX: f64 = 0.1;

@@ -105,3 +105,57 @@ fn share_inside(bbox_px: &[f64; 4], size: ImageSize) -> f64 {
     let inside = (x1.min(right) - x0.max(0.0)).max(0.0) * (y1.min(bottom) - y0.max(0.0)).max(0.0);
     inside / ((x1 - x0) * (y1 - y0))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use roadplane_base::VehicleClass;
+
+    const SIZE: ImageSize = ImageSize { width: 640, height: 360 };
+
+    fn row(frame: u64, track: u64, x_px: f64, x_m: f64) -> TrackRow {
+        TrackRow {
+            frame,
+            time_s: frame as f64 * 0.04,
+            track,
+            x_m,
+            y_m: 20.0,
+            heading_rad: 0.0,
+            speed_mps: 0.0,
+            x_sd_m: 0.3,
+            y_sd_m: 0.4,
+            heading_sd_rad: 0.1,
+            length_m: 4.5,
+            width_m: 1.8,
+            height_m: 1.5,
+            bbox_px: [x_px, 100.0, x_px + 60.0, 150.0],
+            score: 0.8,
+            observed: true,
+            class: VehicleClass::Car,
+            segment: 0,
+            speed_sd_mps: 0.1,
+            activity: None,
+            activity_p: None,
+            x_own_sd_m: None,
+            y_own_sd_m: None,
+            on_map: None,
+        }
+    }
+
+    #[test]
+    fn rows_are_compared_in_view_and_without_the_direction_of_the_axes() {
+        let rest: Vec<TrackRow> =
+            (0..10).flat_map(|frame| [row(frame, 1, 200.0, 0.0), row(frame, 2, 20.0, -15.0)]).collect();
+        // The picture moves to the left by 50 px, so the second vehicle leaves it. The axes turn by 90°.
+        let moved: Vec<TrackRow> = (0..10)
+            .map(|frame| TrackRow { x_m: -20.0, y_m: 0.0, observed: frame != 5, ..row(frame, 7, 150.0, 0.0) })
+            .collect();
+        let shift = Homography::from_numbers([1.0, 0.0, -50.0, 0.0, 1.0, 0.0, 0.0, 0.0]).unwrap();
+        let found = Rows::new(&rest).compare(&Rows::new(&moved), SIZE, |_| shift);
+        assert_eq!((found.tracks_in_view, found.observed), (1, 1.0));
+        assert!(found.near_m < 1e-9 && found.far_sds.is_nan(), "{}", found.near_m);
+        let none = Rows::new(&rest).compare(&Rows::new(&[]), SIZE, |_| shift);
+        assert_eq!((none.tracks_in_view, none.observed), (1, 0.0));
+        assert_eq!(tracks(&rest), 2);
+    }
+}

@@ -136,8 +136,8 @@ impl Clip {
         let wave = |period_s: f64| (TAU * time_s / period_s + f64::from(u8::from(self.mirrored))).sin();
         let share = time_s / self.seconds;
         let from_middle_s = time_s - self.seconds / 2.0;
-        let far =
-            ((0.5 - FAR_SHARE / 2.0 - MARGIN) * f64::from(self.size.width) / focal_px).atan() * direction;
+        let angle = |share: f64| (share * f64::from(self.size.width) / focal_px).atan();
+        let far = direction * (angle(0.5 - MARGIN) - angle(FAR_SHARE / 2.0));
         let turn = match motion {
             Motion::Rest | Motion::Zoom => [0.0; 3],
             Motion::Sway3 => [3.0 * px * wave(1.5), 2.0 * px * wave(1.1), 0.0],
@@ -200,5 +200,49 @@ impl Clip {
             input.reuse(frame.image);
         }
         Ok(video.finish().map_err(PipelineError::from)?)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector2;
+
+    fn clip(width: u32, height: u32) -> Clip {
+        let decode = DecodeOptions::default();
+        let size = ImageSize { width, height };
+        Clip { path: "a/lot.mp4".into(), decode, seconds: 12.0, fps: 25.0, size, mirrored: false }
+    }
+
+    #[test]
+    fn a_film_shows_the_middle_of_the_clip() {
+        let clip = clip(640, 360);
+        let film = clip.film_from_clip(Motion::Rest, 0, 600.0);
+        let middle = Vector2::new(319.5, 179.5);
+        assert!((film.apply(&middle) - middle).norm() < 1e-9);
+        let side = film.apply(&(middle + Vector2::new(0.34 * 640.0, 0.0)));
+        assert!((side - Vector2::new(639.5, 179.5)).norm() < 1e-9, "{side}");
+        // The pan is in the middle at 6 s, and a second later the picture has moved by 8.5 px.
+        let film = clip.film_from_clip(Motion::Pan, 175, 600.0);
+        let moved = film.apply(&middle) - middle;
+        assert!((moved - Vector2::new(8.5, 0.0)).norm() < 0.01, "{moved}");
+        let growth = clip.film_focal_ratio(Motion::Zoom, 12.0) / clip.film_focal_ratio(Motion::Zoom, 0.0);
+        assert!((growth - 1.25).abs() < 1e-12);
+    }
+
+    #[test]
+    fn far_turns_stay_inside_a_large_clip() {
+        assert!(clip(640, 360).motions().all(|motion| !motion.is_far()));
+        let clip = clip(1920, 1080);
+        assert_eq!(clip.motions().count(), Motion::ALL.len());
+        for motion in [Motion::FarPan, Motion::Tour] {
+            let size = clip.film_size(motion);
+            assert_eq!((size.width, size.height), (904, 508));
+            for frame in (0..300).step_by(10) {
+                let back = clip.film_from_clip(motion, frame, 1600.0).inverse();
+                let edges = [0.0, f64::from(size.width) - 1.0].map(|x| back.apply(&Vector2::new(x, 254.0)).x);
+                assert!(edges.iter().all(|x| (0.0..1919.0).contains(x)), "{motion:?} {frame}: {edges:?}");
+            }
+        }
     }
 }

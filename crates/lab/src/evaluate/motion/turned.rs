@@ -27,10 +27,10 @@ pub(super) fn against_truth(folder: &Path, runner: &Runner<'_>) -> Result<Vec<Ta
         ("to rest", 1),
         ("focal, true, px", 0),
         ("focal, px", 0),
-        ("error / sd", 2),
+        ("normalised error", 2),
         ("turns: focal, px", 0),
         ("turns: error, %", 2),
-        ("turns: error / sd", 2),
+        ("turns: normalised error", 2),
         ("frames not followed", 0),
     ];
     let note = "Rendered clips whose camera turns or zooms. Rotation and growth: error of the motion since the first \
@@ -85,7 +85,7 @@ pub(super) fn against_truth(folder: &Path, runner: &Runner<'_>) -> Result<Vec<Ta
         ];
         table.rows.push(std::iter::once(Cell::from(name)).chain(numbers.map(Cell::from)).collect());
     }
-    Ok(vec![table, honesty_table(&focal_errors, &turn_errors)])
+    Ok(vec![table, calibration_table(&focal_errors, &turn_errors)])
 }
 
 fn is_at_rest(path: &Path) -> bool {
@@ -117,9 +117,9 @@ fn error_of(exact: &Homography, estimate: &Homography, camera: &TrueCamera) -> O
 }
 
 /// Returns the table of errors in sds over all clips.
-fn honesty_table(focal: &[f64], turns: &[f64]) -> Table {
-    let columns = [("focal length", 0), ("clips", 0), ("rms error / sd", 2), ("low", 2), ("high", 2)];
-    let note = "Low and high: 95 % interval of the rms of as many errors of an honest model (χ distribution, by its normal approximation).";
+fn calibration_table(focal: &[f64], turns: &[f64]) -> Table {
+    let columns = [("focal length", 0), ("clips", 0), ("rms normalised error", 2), ("low", 2), ("high", 2)];
+    let note = "Low and high: 95 % interval of the rms if all sds are right (normal approximation of the χ distribution).";
     let mut table = Table::new(
         "Errors against their sds",
         note,
