@@ -73,11 +73,12 @@ fn a_camera_that_no_turn_explains_is_reported_as_partly_followed() {
             .code(3)
     };
     let text = String::from_utf8(run(&[]).get_output().stderr.clone()).unwrap();
-    assert!(text.contains("could not be measured: vehicles were not followed in"), "{text}");
+    assert!(text.contains("the camera was carried along: vehicles were not followed in"), "{text}");
     let summary = json(&out.join("carried/summary.json"));
     assert_eq!((&summary["status"], &summary["exit_code"]), (&"partly_followed".into(), &3.into()));
     let frames = summary["counts"]["frames_not_followed"].as_u64().unwrap();
     assert!(frames > 30, "{frames}");
+    assert_eq!(summary["watch"]["not_followed"][0]["reason"], "travelling");
     assert!(summary["watch"]["not_followed_s"].as_f64().unwrap() > 2.0);
     assert!(summary["watch"]["not_followed_share"].as_f64().unwrap() > 0.5);
     let report = std::fs::read_to_string(out.join("carried/report.html")).unwrap();

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use nalgebra::Vector2;
-use roadplane_base::{PoseRecord, Shape, ShapeAtlas, TrackRow, VehicleClass};
+use roadplane_base::{Homography, PoseRecord, Shape, ShapeAtlas, TrackRow, VehicleClass};
 use roadplane_geo::{Fit, Site};
 use roadplane_write::{
     CameraSegment, FrameMotion, Summary, WriteError, read_camera, read_jsonl, read_summary, rounded_row,
@@ -171,6 +171,11 @@ impl Run {
             ));
         };
         let camera = only.camera.estimate();
+        // Frames that are not displaced have no entry.
+        let view = |frame: u64| self.motion.get(&frame).and_then(FrameMotion::picture_from_world);
+        let world_from_picture =
+            |frame| (frame, view(frame).map_or(Homography::IDENTITY, |view| view.inverse()));
+        let (site, _) = site.in_first_picture(&site.frames().map(world_from_picture).collect());
         let place = site.place(&camera)?;
         for row in self.tracks.iter_mut().flat_map(|track| &mut track.rows) {
             let on_map = place.of_row(row, &camera);
