@@ -22,6 +22,7 @@
 //! # Calibrated uncertainties A parked car that appears in 100 frames is one car. The white noise of its keypoints
 //! averages out, but their bias does not ([`combine`]). A car that appears in ten windows counts once ([`fuse`]).
 
+mod adjust;
 mod combine;
 mod evidence;
 mod fuse;

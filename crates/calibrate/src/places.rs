@@ -9,6 +9,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use roadplane_base::{FrameRecord, Homography, ImageSize};
 
+use crate::adjust::{MeasuredLink, adjusted};
 use crate::turns::{Misfit, Turns};
 
 /// Least time for which pictures must lie on the references of a place, s. A flash or a lorry in front of the camera is
@@ -85,7 +86,10 @@ impl PlacesBuilder {
                 open.remove(&reference);
                 place.insert(reference, position);
             }
-            found.push(place);
+            found.push(match self.size {
+                Some(size) => adjusted(place, &self.measured_links(), first, size),
+                None => place,
+            });
         }
         let count_of =
             |place: &BTreeMap<u64, Homography>| place.keys().map(|r| self.pictures[r].count).sum::<u64>();
@@ -119,6 +123,15 @@ impl PlacesBuilder {
             }
         }
         all.solve(size)
+    }
+
+    /// Returns the mean of the measurements of each link.
+    fn measured_links(&self) -> Vec<MeasuredLink> {
+        let measured = |(&(from, to), link): (&(u64, u64), &Link)| {
+            let mapping = Homography::from_numbers(link.numbers.map(|n| n / link.weight))?;
+            Some(MeasuredLink { ends: [from, to], mapping, weight: link.weight })
+        };
+        self.links.iter().filter_map(measured).collect()
     }
 
     /// Returns the reference with the strongest link to a place, and its position.
