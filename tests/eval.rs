@@ -175,3 +175,37 @@ fn reference_cameras_are_measured_and_the_worst_are_drawn() {
     assert!(page.contains("rendered lot: focal length") && page.contains("truth 1360"));
     assert!(out.join("runs/lot/frames.jsonl").is_file(), "kept for a later call");
 }
+
+#[test]
+fn films_of_a_moving_camera_are_compared_with_the_film_at_rest() {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("tables");
+    lab()
+        .args([
+            "eval",
+            "motion",
+            "tests/data/lot.mp4",
+            "--seconds",
+            "1",
+            "--focal-px",
+            "1100",
+            "--given-focal",
+        ])
+        .args(["--set", "decode.start_s=1", "--out"])
+        .arg(&out)
+        .current_dir(root())
+        .assert()
+        .code(0);
+    let table = names(&out).into_iter().find(|name| name.ends_with(".csv")).unwrap();
+    let text = std::fs::read_to_string(out.join(table)).unwrap();
+    let rows: Vec<Vec<&str>> = text.lines().skip(1).map(|line| line.split(',').collect()).collect();
+    let motions: Vec<&str> = rows.iter().map(|row| row[1]).collect();
+    assert_eq!(motions[0], "rest");
+    assert_eq!(motions.len(), 9, "{text}");
+    for row in rows.iter().filter(|row| ["rest", "sway_3px", "zoom"].contains(&row[1])) {
+        let number = |column: usize| row[column].parse::<f64>().unwrap();
+        assert!(number(2) > 0.0 && number(4) > 90.0, "{text}");
+    }
+    let films = names(&out.join("films"));
+    assert!(films.contains(&"lot_far_pan.mp4".to_owned()), "{films:?}");
+}

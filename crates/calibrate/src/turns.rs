@@ -26,6 +26,9 @@ const MAX_SD: f64 = 0.3;
 /// Least misfit of a camera that is carried along, as a multiple of the misfit that the sds predict (root mean square).
 /// Measured: at most 2.3 for clips that were made to turn, 32 to 154 for a camera that is carried by 1 m/s.
 const TRAVELLING: f64 = 10.0;
+/// Largest half χ² of one picture in that decision: twice the limit. So the decision needs half of the pictures, and a
+/// few registrations on vehicles that fill the picture do not make it.
+const MOST_MISFIT: f64 = 3.0 * TRAVELLING * TRAVELLING;
 /// Least sd of a registration in the misfit, px. Errors of neighbouring blocks are alike, which its own sd leaves out.
 const LEAST_SD_PX: f64 = 0.1;
 /// Points of a registration that are compared, in each direction.
@@ -81,7 +84,7 @@ impl Misfit {
             // χ² of eight numbers whose errors have the root mean square `sd` over the picture.
             let [straight, with_lens] = remaining(&mapping, focal_at(i), aspect).map(|v| 4.0 * v / (sd * sd));
             self.cost[i] += straight;
-            self.with_lens[i] += with_lens;
+            self.with_lens[i] += with_lens.min(MOST_MISFIT);
         }
         self.count += 1.0;
     }
@@ -249,6 +252,16 @@ mod tests {
             turns.add(&frame, &record(*pan.matrix()));
         }
         assert!(travels.is_travelling() && !turns.is_travelling());
+        // A few wrong registrations are no travel.
+        for i in 40..52_u32 {
+            let frame = FrameRecord::empty(u64::from(i), 0.0, SIZE);
+            let moved = Vector3::new(4.0, 0.0, 0.0) * normal / 10.0;
+            let mapping =
+                Homography::new(k * (Matrix3::identity() + moved) * k.try_inverse().unwrap()).unwrap();
+            let numbers = mapping.in_coordinates(1.0, SIZE.centre_px()).numbers();
+            turns.add(&frame, &Registration { reference: 0, homography: Some(numbers), sd_px: 0.1 });
+        }
+        assert!(!turns.is_travelling());
     }
 
     #[test]

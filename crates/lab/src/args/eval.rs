@@ -118,8 +118,8 @@ pub struct EvalMotionArgs {
     /// Focal length of the videos, px; by default, the estimate of the run at rest.
     #[arg(long, value_name = "PX", value_parser = positive)]
     pub focal_px: Option<f64>,
-    /// Give the focal length to all runs, so that they differ by the motion alone.
-    #[arg(long)]
+    /// Give the focal length to all runs on videos, so that they differ by the motion alone.
+    #[arg(long, requires = "focal_px")]
     pub given_focal: bool,
     /// Mirror the videos; the motions have other phases and directions.
     #[arg(long)]

@@ -140,14 +140,14 @@ fn empty_table() -> Table {
         ("focal, sds", 2),
         ("turns: focal, px", 0),
         ("turns: sd, px", 0),
-        ("worlds", 0),
+        ("segments", 0),
         ("frames not followed", 0),
         ("CPU", 2),
     ];
     let note = "Films of the clip by a camera that turns or zooms about its centre, by homographies K R K⁻¹. All \
                 focal lengths are those of the film at rest. \
                 At rest, in view: tracks at rest of which the film shows an observed row. Observed: share of the observed rows at rest, in view of the film, that are also observed in the film. \
-                Place: rms distance of the rows of both films on the ground; missing if the film has more than one world. \
+                Place: rms distance of the rows of both films on the ground; missing if the film has several segments. \
                 Focal, sds: difference to the film at rest, in its sds. Turns: focal length from the motion alone. \
                 CPU: processor time, divided by that of the film at rest without region-of-interest scheduling.";
     Table::new(
@@ -187,8 +187,8 @@ fn films(
         let film = |motion: Motion, frame: u64| clip.film_from_clip(motion, frame, focal_px);
         let change = |frame: u64| film(Motion::Rest, frame).inverse().then(&film(motion, frame));
         let difference = at_rest.compare(&Rows::new(&run.finished.rows), clip.film_size(motion), change);
-        let worlds = run.camera.segments.len().max(1);
-        let place = |value: f64| if worlds == 1 { value } else { f64::NAN };
+        let segments = run.camera.segments.len().max(1);
+        let place = |value: f64| if segments == 1 { value } else { f64::NAN };
         // Focal lengths in pixels of the film at rest.
         let as_at_rest = rest_ratio / ratio;
         let focal = run.finished.camera.focal_px * as_at_rest;
@@ -206,7 +206,7 @@ fn films(
             (focal - rest.finished.camera.focal_px) / rest_sd,
             turns_px,
             turns_sd_px,
-            worlds as f64,
+            segments as f64,
             run.summary.counts.frames_not_followed as f64,
             run.cpu_ms() / full_ms,
         ];
