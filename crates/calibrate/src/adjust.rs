@@ -84,10 +84,12 @@ fn fitted(
         .collect();
     let by_link = links.iter().filter_map(|link| {
         let [from, to] = link.ends;
-        let (neighbour, mapping) = match reference {
-            _ if reference == to => (from, link.mapping),
-            _ if reference == from => (to, link.mapping.inverse()),
-            _ => return None,
+        let (neighbour, mapping) = if reference == to {
+            (from, link.mapping)
+        } else if reference == from {
+            (to, link.mapping.inverse())
+        } else {
+            return None;
         };
         Some((positions[&neighbour].then(&mapping), link.weight))
     });

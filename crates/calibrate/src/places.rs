@@ -27,6 +27,13 @@ struct Link {
     weight: f64,
 }
 
+impl Link {
+    /// Returns the mean of the measurements; `None` if it has no inverse.
+    fn mean(&self) -> Option<Homography> {
+        Homography::from_numbers(self.numbers.map(|n| n / self.weight))
+    }
+}
+
 /// The pictures that lie on one reference.
 #[derive(Clone, Copy, Debug)]
 struct Pictures {
@@ -77,6 +84,7 @@ impl PlacesBuilder {
         let of_travels = self.misfits.iter().filter(|(_, misfit)| misfit.is_travelling());
         let travelling: BTreeSet<u64> = of_travels.map(|(reference, _)| *reference).collect();
         self.pictures.retain(|reference, _| !travelling.contains(reference));
+        let links = self.measured_links();
         let mut open: BTreeSet<u64> = self.pictures.keys().copied().collect();
         let mut found: Vec<BTreeMap<u64, Homography>> = Vec::new();
         while let Some(first) = open.pop_first() {
@@ -87,7 +95,7 @@ impl PlacesBuilder {
                 place.insert(reference, position);
             }
             found.push(match self.size {
-                Some(size) => adjusted(place, &self.measured_links(), first, size),
+                Some(size) => adjusted(place, &links, first, size),
                 None => place,
             });
         }
@@ -128,8 +136,7 @@ impl PlacesBuilder {
     /// Returns the mean of the measurements of each link.
     fn measured_links(&self) -> Vec<MeasuredLink> {
         let measured = |(&(from, to), link): (&(u64, u64), &Link)| {
-            let mapping = Homography::from_numbers(link.numbers.map(|n| n / link.weight))?;
-            Some(MeasuredLink { ends: [from, to], mapping, weight: link.weight })
+            Some(MeasuredLink { ends: [from, to], mapping: link.mean()?, weight: link.weight })
         };
         self.links.iter().filter_map(measured).collect()
     }
@@ -146,7 +153,7 @@ impl PlacesBuilder {
             .iter()
             .filter_map(|(key, link)| Some((*key, link, ends(*key)?)))
             .max_by(|a, b| a.1.weight.total_cmp(&b.1.weight).then(b.0.cmp(&a.0)))?;
-        let to_from = Homography::from_numbers(link.numbers.map(|n| n / link.weight))?;
+        let to_from = link.mean()?;
         let (from, to, step) =
             if forward { (key.0, key.1, to_from) } else { (key.1, key.0, to_from.inverse()) };
         Some((to, place[&from].then(&step)))

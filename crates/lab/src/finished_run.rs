@@ -72,6 +72,11 @@ impl FinishedRun {
     }
 }
 
+/// Returns the number of tracks that rows belong to.
+pub(crate) fn track_count(rows: &[TrackRow]) -> usize {
+    rows.iter().map(|row| row.track).collect::<BTreeSet<_>>().len()
+}
+
 /// Returns the true and found boxes of each of the given frames.
 pub(crate) fn pictures(run: &FinishedRun, truth: &Truth, frames: &BTreeSet<u64>) -> Vec<PictureBoxes> {
     let processed = truth.frames.iter().filter(|frame| frames.contains(&frame.frame));

@@ -193,7 +193,8 @@ impl Panorama {
         }
         let index = *candidates.get(self.next_searched % candidates.len().max(1))?;
         self.next_searched += 1;
-        Some((index, self.searched(index, picture)?))
+        let is_searched = !is_young && index == count - 1;
+        if is_searched { None } else { Some((index, self.searched(index, picture)?)) }
     }
 
     /// Looks for the picture on a keyframe, whatever its position.

@@ -10,13 +10,12 @@ use roadplane_pipeline::{
     CameraConstraints, Cancel, Config, Existing, Progress, RunOptions, Silent, run_input,
 };
 use roadplane_tables::{Cell, Column, Report, Table};
-use roadplane_write::{CameraFile, Summary, WriteError, read_camera};
+use roadplane_write::{CameraFile, Summary, WriteError, read_camera, read_summary};
 
 use crate::LabError;
-use crate::finished_run::FinishedRun;
-use compare::{Rows, tracks};
+use crate::finished_run::{FinishedRun, track_count};
+use compare::Rows;
 use film::{Clip, Motion};
-use roadplane_metrics::text_file::read_text;
 
 /// Options of [`evaluate_motion`].
 #[derive(Clone, Debug)]
@@ -84,8 +83,7 @@ impl Runner<'_> {
         };
         let out = self.folder(if scheduled { "runs" } else { "full" })?;
         let folder = run_input(clip, &out, &options, &config, self.cancel, &Silent)?.folder;
-        let path = folder.join("summary.json");
-        let summary = serde_json::from_str(&read_text(&path)?).map_err(|e| LabError::malformed(&path, e))?;
+        let summary = read_summary(&folder.join("summary.json"))?;
         let camera = read_camera(&folder.join("camera.json"))?;
         Ok(Run { finished: FinishedRun::read(&folder)?, camera, summary })
     }
@@ -196,7 +194,7 @@ fn films(
         let rest_sd = rest.finished.camera.focal_sd_px.unwrap_or(f64::NAN);
         let [turns_px, turns_sd_px] = run.turn_focal_px().map(|px| px * as_at_rest);
         let numbers = [
-            tracks(&run.finished.rows) as f64,
+            track_count(&run.finished.rows) as f64,
             difference.tracks_in_view as f64,
             100.0 * difference.observed,
             place(difference.near_m),

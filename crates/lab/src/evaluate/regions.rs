@@ -11,7 +11,7 @@ use roadplane_pipeline::{Cancel, Config, Existing, PipelineError, Progress, RunO
 use roadplane_write::{FrameReader, WriteError};
 
 use crate::LabError;
-use crate::finished_run::FinishedRun;
+use crate::finished_run::{FinishedRun, track_count};
 use roadplane_metrics::truth::read_truth;
 use roadplane_tables::{Cell, Column, Report, Table};
 use scores::ClipScore;
@@ -118,12 +118,6 @@ pub fn evaluate_regions(
             .filter(|gap| gap.to_s - gap.from_s > MAX_MISSING_S)
             .collect();
         let wavering = missing.iter().filter(|gap| gap.share_found(&times) <= 0.5).count();
-        let tracks = |clip: &ClipRun| {
-            let mut tracks: Vec<u64> = clip.run.rows.iter().map(|row| row.track).collect();
-            tracks.sort_unstable();
-            tracks.dedup();
-            tracks.len() as f64
-        };
         let truth = ["truth.json.gz", "truth.json"].map(|end| clip.with_extension(end));
         let truth = truth.iter().find(|path| path.is_file()).map(|path| read_truth(path)).transpose()?;
         let score =
@@ -140,8 +134,8 @@ pub fn evaluate_regions(
             vehicles.len() as f64,
             missing.len() as f64,
             wavering as f64,
-            tracks(&off),
-            tracks(&on),
+            track_count(&off.run.rows) as f64,
+            track_count(&on.run.rows) as f64,
             off.run.camera.focal_px,
             on.run.camera.focal_px,
             off.run.camera.height_m,

@@ -94,11 +94,6 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// Returns the number of tracks.
-pub(super) fn tracks(rows: &[TrackRow]) -> usize {
-    rows.iter().map(|row| row.track).collect::<BTreeSet<_>>().len()
-}
-
 fn share_inside(bbox_px: &[f64; 4], size: ImageSize) -> f64 {
     let [x0, y0, x1, y1] = bbox_px;
     let [right, bottom] = [size.width, size.height].map(|side| f64::from(side) - 1.0);
@@ -109,36 +104,18 @@ fn share_inside(bbox_px: &[f64; 4], size: ImageSize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use roadplane_base::VehicleClass;
+    use crate::finished_run::track_count;
+    use roadplane_synth::stationary_row;
 
     const SIZE: ImageSize = ImageSize { width: 640, height: 360 };
 
     fn row(frame: u64, track: u64, x_px: f64, x_m: f64) -> TrackRow {
         TrackRow {
-            frame,
-            time_s: frame as f64 * 0.04,
-            track,
             x_m,
-            y_m: 20.0,
-            heading_rad: 0.0,
-            speed_mps: 0.0,
             x_sd_m: 0.3,
             y_sd_m: 0.4,
-            heading_sd_rad: 0.1,
-            length_m: 4.5,
-            width_m: 1.8,
-            height_m: 1.5,
             bbox_px: [x_px, 100.0, x_px + 60.0, 150.0],
-            score: 0.8,
-            observed: true,
-            class: VehicleClass::Car,
-            segment: 0,
-            speed_sd_mps: 0.1,
-            activity: None,
-            activity_p: None,
-            x_own_sd_m: None,
-            y_own_sd_m: None,
-            on_map: None,
+            ..stationary_row(track, frame, frame as f64 * 0.04)
         }
     }
 
@@ -156,6 +133,6 @@ mod tests {
         assert!(found.near_m < 1e-9 && found.far_sds.is_nan(), "{}", found.near_m);
         let none = Rows::new(&rest).compare(&Rows::new(&[]), SIZE, |_| shift);
         assert_eq!((none.tracks_in_view, none.observed), (1, 0.0));
-        assert_eq!(tracks(&rest), 2);
+        assert_eq!(track_count(&rest), 2);
     }
 }
