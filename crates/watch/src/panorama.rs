@@ -62,6 +62,8 @@ pub(crate) struct Panorama {
     step: Option<Homography>,
     /// Keyframe that is searched for next when the camera is lost.
     next_searched: usize,
+    /// Whether the place has shown too little structure for a keyframe.
+    is_bare: bool,
 }
 
 impl Panorama {
@@ -235,9 +237,13 @@ impl Panorama {
     /// chain. Returns whether the picture has enough structure.
     fn add(&mut self, stamp: FrameStamp, picture: &Prepared, fit: Option<&Fit>) -> bool {
         let reference = Reference::new(picture);
-        if reference.fine().block_count() < MIN_BLOCKS {
+        let has_structure = reference.fine().block_count() >= MIN_BLOCKS;
+        // After pictures without structure, as of a bare road, a single car is not enough.
+        if !has_structure || (self.is_bare && fit.is_none() && !reference.fine().is_structured_all_over()) {
+            self.is_bare |= fit.is_none();
             return false;
         }
+        self.is_bare = false;
         let (chain, from_chain) = match (self.keyframes.last(), fit) {
             (Some(current), Some(fit)) => {
                 (current.chain, current.from_chain.then(&fit.picture_from_reference))
@@ -311,6 +317,31 @@ mod tests {
         }
         let chains: Vec<u64> = panorama.keyframes.iter().map(|keyframe| keyframe.chain).collect();
         assert!(chains.len() > 2 && chains.iter().all(|chain| [0, CUT].contains(chain)), "{chains:?}");
+    }
+
+    #[test]
+    fn a_car_on_a_bare_road_is_no_place() {
+        let mut panorama = Panorama::default();
+        let register = |panorama: &mut Panorama, index: u64, small: &SmallGrey| {
+            let stamp = FrameStamp { index, pts_nanos: 33_333_333 * index as i64 };
+            panorama.register(stamp, small, &Prepared::of(small))
+        };
+        let scene = seen(0);
+        let bare = SmallGrey { values: vec![90; scene.values.len()], ..scene.clone() };
+        let mut car = bare.clone();
+        for y in 40..100 {
+            let row = y * car.width;
+            car.values[row + 60..row + 130].copy_from_slice(&scene.values[row + 60..row + 130]);
+        }
+        let is_enough = Reference::new(&Prepared::of(&car)).fine().block_count() >= MIN_BLOCKS;
+        assert!(is_enough, "the car alone has enough structure for a keyframe");
+        assert!(register(&mut panorama, 0, &bare).is_empty());
+        assert!((1..5).all(|index| register(&mut panorama, index, &car).is_empty()));
+        assert_eq!(
+            register(&mut panorama, 5, &scene).len(),
+            1,
+            "a picture with structure all over is a place"
+        );
     }
 
     #[test]
