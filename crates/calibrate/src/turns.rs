@@ -147,7 +147,10 @@ fn centred(mapping: &Homography, size: ImageSize) -> Homography {
 }
 
 /// Returns the mean squared distance per coordinate between a mapping and the nearest `K_g R K⁻¹` of a focal length: for
-/// a lens without distortion, and for any radial distortion. Lengths are in half widths of the picture, from its middle.
+/// a lens without distortion over the whole picture, and for any radial distortion over the part that both pictures
+/// show. Lengths are in half widths of the picture, from its middle.
+///
+/// Only the common part was measured, so a wrong distance elsewhere is no proof that the camera is carried along.
 fn remaining(mapping: &Homography, focal: f64, aspect: f64) -> [f64; 2] {
     let inverse = Matrix3::from_diagonal(&Vector3::new(1.0 / focal, 1.0 / focal, 1.0));
     let Some(Turn { growth, rotation }) = mapping.turn(focal, &Vector2::zeros()) else {
@@ -158,9 +161,7 @@ fn remaining(mapping: &Homography, focal: f64, aspect: f64) -> [f64; 2] {
         return [f64::INFINITY; 2];
     };
     // Small changes of rotation, zoom and distortion take out the rest that they can explain.
-    let mut normal = SMatrix::<f64, 5, 5>::zeros();
-    let mut right = SVector::<f64, 5>::zeros();
-    let mut squares = 0.0;
+    let (mut straight, mut with_lens) = (Rest::<4>::default(), Rest::<5>::default());
     let last = (POINTS - 1) as f64;
     for i in 0..POINTS * POINTS {
         let (u, v) = ((i % POINTS) as f64 / last, (i / POINTS) as f64 / last);
@@ -173,17 +174,47 @@ fn remaining(mapping: &Homography, focal: f64, aspect: f64) -> [f64; 2] {
             (SVector::from([focal * (1.0 + x * x), focal * x * y, -q.y, q.x, bent.x]), away.x),
             (SVector::from([focal * x * y, focal * (1.0 + y * y), q.x, q.y, bent.y]), away.y),
         ];
+        let is_in_view = q.x.abs() <= 1.0 && q.y.abs() <= aspect;
         for (row, value) in rows {
-            normal += row * row.transpose();
-            right += row * value;
-            squares += value * value;
+            straight.add(row.fixed_rows::<4>(0).into_owned(), value);
+            if is_in_view {
+                with_lens.add(row, value);
+            }
         }
     }
-    let (normal4, right4) =
-        (normal.fixed_view::<4, 4>(0, 0).into_owned(), right.fixed_rows::<4>(0).into_owned());
-    let straight = normal4.cholesky().map_or(0.0, |n| right4.dot(&n.solve(&right4)));
-    let with_lens = normal.cholesky().map_or(straight, |n| right.dot(&n.solve(&right)));
-    [straight, with_lens].map(|explained| (squares - explained).max(0.0) / (2 * POINTS * POINTS) as f64)
+    [straight.mean(), with_lens.mean()]
+}
+
+/// The least squares fit of `N` numbers.
+struct Rest<const N: usize> {
+    normal: SMatrix<f64, N, N>,
+    right: SVector<f64, N>,
+    squares: f64,
+    count: f64,
+}
+
+impl<const N: usize> Default for Rest<N> {
+    fn default() -> Self {
+        Self { normal: SMatrix::zeros(), right: SVector::zeros(), squares: 0.0, count: 0.0 }
+    }
+}
+
+impl<const N: usize> Rest<N> {
+    fn add(&mut self, row: SVector<f64, N>, value: f64) {
+        self.normal += row * row.transpose();
+        self.right += row * value;
+        self.squares += value * value;
+        self.count += 1.0;
+    }
+
+    /// Returns the mean square of what the numbers do not explain; 0 if there is less than they can explain.
+    fn mean(&self) -> f64 {
+        if self.count <= N as f64 {
+            return 0.0;
+        }
+        let explained = self.normal.cholesky().map_or(0.0, |n| self.right.dot(&n.solve(&self.right)));
+        (self.squares - explained).max(0.0) / self.count
+    }
 }
 
 #[cfg(test)]
