@@ -2,9 +2,11 @@
 
 use roadplane_tables::{Cell, bootstrap};
 
+mod classes;
 mod poses;
 mod tracks;
 
+pub use classes::classes_table;
 pub use poses::{add_plot, add_table, camera_table, steps_table, viewpoint_plot, viewpoint_table};
 pub use tracks::{
     boxes_table, calibration_table, motion_table, position_plot, position_table, tracking_table,

@@ -13,8 +13,8 @@ use crate::LabError;
 use crate::evaluate::vehicles::against_vehicles;
 use crate::finished_run::{FinishedRun, pictures};
 use crate::tables::{
-    add_plot, add_table, boxes_table, calibration_table, motion_table, position_plot, position_table,
-    tracking_table, viewpoint_plot, viewpoint_table,
+    add_plot, add_table, boxes_table, calibration_table, classes_table, motion_table, position_plot,
+    position_table, tracking_table, viewpoint_plot, viewpoint_table,
 };
 use roadplane_metrics::average_precision::{PictureBoxes, TrueBox};
 use roadplane_metrics::camera::camera_error;
@@ -89,6 +89,7 @@ fn against_truth(
         add_table("Poses: ADD", &[(name, &poses)]),
         viewpoint_table("Poses: viewpoint", &[(name, &poses)]),
         boxes_table("Boxes of cars that got a pose", &[(name, &boxes)]),
+        classes_table(truth, &run.rows),
     ];
     let plots = vec![
         add_plot(&[(name, &poses)]),
