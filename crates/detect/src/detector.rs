@@ -112,7 +112,7 @@ impl Detector {
     ) -> Result<Detections, DetectError> {
         let scales = self.options.scales(image.width(), image.height());
         let (mut found, mut cut) = (Vec::new(), Vec::new());
-        for (pass, scale) in scales.iter().enumerate() {
+        for scale in &scales {
             let (longest, overlap) = (self.options.tile_px as f64, self.options.tile_overlap_px as f64);
             let to_frame = |px: f64| (px / scale) as usize;
             for tile in tiles(part, to_frame(longest), to_frame(overlap)) {
@@ -121,7 +121,7 @@ impl Detector {
                 let input = input(image, tile, width, height).map_err(DetectError::picture)?;
                 let (scale_x, scale_y) =
                     (width as f64 / tile.width as f64, height as f64 / tile.height as f64);
-                for mut candidate in self.run(&input, pass)? {
+                for mut candidate in self.run(&input)? {
                     let [x0, y0, x1, y1] = candidate.bbox;
                     let (left, top) = (tile.x as f64, tile.y as f64);
                     candidate.bbox =
@@ -134,10 +134,10 @@ impl Detector {
                 }
             }
         }
-        Ok(Detections { found: merge(found, &scales, &self.options, min_score), cut })
+        Ok(Detections { found: merge(found, &self.options, min_score), cut })
     }
 
-    fn run(&mut self, image: &Array4<f32>, pass: usize) -> Result<Vec<Candidate>, DetectError> {
+    fn run(&mut self, image: &Array4<f32>) -> Result<Vec<Candidate>, DetectError> {
         let outputs = self.session.run(&[NamedTensor { name: "image", values: image.view().into_dyn() }])?;
         let mut found = Vec::new();
         for stride in STRIDES_PX {
@@ -153,7 +153,6 @@ impl Detector {
                 &bins.index_axis(Axis(0), 0),
                 stride as f64,
                 MIN_CANDIDATE_SCORE,
-                pass,
             ));
         }
         Ok(found)

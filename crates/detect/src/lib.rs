@@ -1,4 +1,4 @@
-//! Detects cars, trucks and buses in frames.
+//! Detects cars, trucks, buses and motorcycles in frames.
 //!
 //! The net (NanoDet, see `models/detector.md`) is fully convolutional. It therefore processes a picture in a few passes
 //! at different scales instead of in many small windows. A fine pass finds distant cars, and a coarse pass finds near

@@ -13,9 +13,8 @@ pub struct DetectOptions {
     pub min_score: f64,
     /// Smallest width of a box, px of the frame.
     pub min_width_px: f64,
-    /// Length of the frame's longer side in each pass, px. Frames are never enlarged. The net finds cars of about 30 to
-    /// 160 px after scaling. It works best if two passes show a car at such a size. The computing time grows with the
-    /// square of the length.
+    /// Length of the frame's longer side in each pass, px. Frames are never enlarged. The net was trained on vehicles of
+    /// 16 to 300 px after scaling. The computing time grows with the square of the length.
     pub pass_px: Vec<u32>,
     /// Two boxes show one vehicle if their overlap (intersection over union) is at least this value.
     pub nms_iou: f64,
@@ -31,11 +30,11 @@ pub struct DetectOptions {
 impl Default for DetectOptions {
     fn default() -> Self {
         Self {
-            min_score: 0.35,
+            min_score: 0.44,
             min_width_px: 24.0,
-            pass_px: vec![640, 960, 1280],
+            pass_px: vec![640, 1280],
             nms_iou: 0.5,
-            nms_covered: 0.8,
+            nms_covered: 0.9,
             tile_px: 1920,
             tile_overlap_px: 192,
         }

@@ -30,8 +30,6 @@ const ALIKE_S: f64 = 0.09;
 /// Weight of a miss if no cell changed. A stationary vehicle cannot leave without a change, so the detector must have
 /// overlooked it.
 const MISSED_UNCHANGED: f64 = 0.25;
-/// Smallest share of the class votes at which a vehicle counts as a car.
-const CAR_SHARE: f64 = 0.3;
 /// Factor by which older class votes are reduced at each detection.
 const FADE: f64 = 0.97;
 /// Smallest overlap (intersection over union) at which a detection can be assigned to a vehicle.
@@ -79,13 +77,8 @@ impl TrackedBox {
         }
     }
 
-    /// Returns the class by a vote of all detections. A car needs only a small share of the votes. The reason: the
-    /// detector mistakes cars for trucks more often than trucks for cars, above all at cut boxes.
+    /// Returns the class by a vote of all detections.
     pub(crate) fn class(&self) -> VehicleClass {
-        let all: f64 = self.votes.values().sum();
-        if self.votes.get(&VehicleClass::Car).is_some_and(|votes| *votes >= CAR_SHARE * all) {
-            return VehicleClass::Car;
-        }
         let best = self.votes.iter().reduce(|best, next| if next.1 > best.1 { next } else { best });
         best.map_or(VehicleClass::Car, |(class, _)| *class)
     }

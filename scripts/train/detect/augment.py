@@ -78,12 +78,19 @@ def letterbox(size_px: tuple[int, int], input_px: int = INPUT_PX) -> View:
 
 
 def random_view(rng: np.random.Generator, picture: Picture, input_px: int = INPUT_PX) -> View:
-    """Returns a random view, in which vehicles of all sizes come about equally often."""
+    """Returns a random view, in which vehicles of all sizes come about equally often.
+
+    It looks at a vehicle of a random class first, so that rare classes are in the middle of more views.
+    """
     size = np.array(picture.size_px, float)
     fit = input_px / size.max()
-    vehicles = [outline for outline, kind in zip(picture.outlines, picture.classes, strict=True) if kind != IGNORED]
+    vehicles: dict[int, list[np.ndarray]] = {}
+    for outline, kind in zip(picture.outlines, picture.classes, strict=True):
+        if kind != IGNORED:
+            vehicles.setdefault(kind, []).append(outline)
     if vehicles and rng.random() < 0.75:
-        box = bounds(vehicles[rng.integers(len(vehicles))])
+        outlines = vehicles[sorted(vehicles)[rng.integers(len(vehicles))]]
+        box = bounds(outlines[rng.integers(len(outlines))])
         wanted = math.exp(rng.uniform(*np.log(SIZES_PX)))
         scale = wanted / max(math.sqrt(float(np.prod(box[2:] - box[:2]))), 1.0)
         centre = (box[:2] + box[2:]) / 2 + rng.uniform(-0.4, 0.4, 2) * input_px / np.clip(scale, *SCALES)

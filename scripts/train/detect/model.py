@@ -1,4 +1,4 @@
-"""NanoDet-g as a PyTorch module, with the weights of models/detector.onnx.
+"""NanoDet-g as a PyTorch module, with the weights of models/detector_coco.onnx.
 
 The net has a CSP backbone, path aggregation without weights, and one head per level. It has no batch normalisation,
 because the published weights have it folded into the convolutions. `onnx_file` reads and writes its ONNX form.

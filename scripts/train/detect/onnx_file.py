@@ -1,6 +1,6 @@
 """Reads the net from its ONNX file, and writes a trained net in the same form.
 
-The written file has the graph of models/detector.onnx: the same names, inputs and outputs, other weights. So the
+The written file has the graph of models/detector_coco.onnx: the same names, inputs and outputs, other weights. So the
 product and `scripts/models/quantise.py` take it as it is. The card changes in its sha256, and perhaps in its classes.
 """
 
@@ -17,7 +17,7 @@ from torch import nn
 from roadplane_train.cars.mesh import REPOSITORY
 from roadplane_train.detect.model import BINS, STRIDES, NanoDet
 
-ORIGINAL = REPOSITORY / "models" / "detector.onnx"
+ORIGINAL = REPOSITORY / "models" / "detector_coco.onnx"
 
 
 def read_net(path: Path = ORIGINAL) -> NanoDet:

@@ -11,25 +11,33 @@ from roadplane_train.detect.model import CLASSES
 from roadplane_train.detect.onnx_file import read_net
 
 MODELS = REPOSITORY / "models"
+ORIGINAL_CARD = MODELS / "detector_coco.card.json"
 
 
 def write_models(net: Path, folder: Path) -> None:
     """Makes a folder of models that differs from models/ in the detector's f32 net alone; it has no other precision."""
     for path in MODELS.iterdir():
-        if path.name not in ("detector.card.json", "detector.onnx"):
+        if path.name not in ("detector.card.json", "detector.onnx", "detector.int8.onnx"):
             (folder / path.name).symlink_to(path)
     data = net.read_bytes()
     (folder / "detector.onnx").write_bytes(data)
-    card = card_of(json.loads((MODELS / "detector.card.json").read_text()), data, read_net(net).classes)
+    card = card_of(json.loads(ORIGINAL_CARD.read_text()), data, read_net(net).classes)
     (folder / "detector.card.json").write_text(json.dumps(card, indent=2))
 
 
 def card_of(card: dict, data: bytes, classes: int) -> dict:
-    """Returns the card of the product's net, changed for the file `data` with the first classes of CLASSES."""
+    """Returns the card of the original net, changed for the file `data` with the first classes of CLASSES."""
     outputs = [
         {**output, "shape": ["batch", classes, *output["shape"][2:]]} if output["name"].startswith("scores_") else output
         for output in card["outputs"]
     ]
-    changed = {**card, "sha256": hashlib.sha256(data).hexdigest(), "classes": list(CLASSES[:classes]), "outputs": outputs}
+    names = {"name": "detector", "file": "detector.onnx", "decoding": "models/detector.md"}
+    changed = {
+        **card,
+        **names,
+        "sha256": hashlib.sha256(data).hexdigest(),
+        "classes": list(CLASSES[:classes]),
+        "outputs": outputs,
+    }
     changed.pop("variants", None)
     return changed

@@ -15,6 +15,7 @@ torch = pytest.importorskip("torch", reason="PyTorch is missing (apt-get install
 
 from roadplane_train.detect.model import STRIDES, NanoDet, with_classes
 from roadplane_train.detect.onnx_file import ORIGINAL, answers, read_net, rounded, write_net
+from roadplane_train.detect.release import mixed
 
 TOLERANCE = 1e-5
 NAMES = [f"{kind}_{stride}" for stride in STRIDES for kind in ("scores", "bins")]
@@ -95,3 +96,16 @@ def test_a_new_class_changes_no_other(tmp_path: Path) -> None:
 def test_other_nets_are_refused() -> None:
     with pytest.raises(ValueError, match="other convolutions"):
         read_net(ORIGINAL.with_name("hourglass.onnx"))
+
+
+def test_mixed_weights_lie_between_the_trained_and_the_original_ones() -> None:
+    trained, original = with_classes(changed(5), 4), with_classes(read_net(), 4)
+    with torch.no_grad():
+        for parameter in trained.heads[0].out.parameters():
+            parameter[3] = 0.3  # the class that the original lacks
+    state, old, new = mixed(trained, 0.25).state_dict(), original.state_dict(), trained.state_dict()
+    for name, values in state.items():
+        expected = 0.75 * old[name] + 0.25 * new[name]
+        if ".out." in name:
+            expected[3] = new[name][3]
+        torch.testing.assert_close(values, expected)

@@ -38,6 +38,7 @@ PRESETS = {
         "rendered": [REPOSITORY / "tests/data/lots/scenes"],
         "real": None,
         "empty": None,
+        "shapes": None,
         "steps": 40,
         "batch": 8,
         "run": "small",
@@ -47,6 +48,7 @@ PRESETS = {
         "rendered": [WORK / "rendered"],
         "real": REPOSITORY.parent / "shared/data/detect/train.jsonl",
         "empty": WORK / "empty/learn",
+        "shapes": WORK / "shapes",
         "steps": 10_000,
         "batch": 16,
         "run": "full",
@@ -54,7 +56,7 @@ PRESETS = {
     },
 }
 # Where all kinds are present. Without renderings of lorries and buses, only real pictures have them.
-SHARES = {"rendered": 0.5, "real": 0.4, "empty": 0.1}
+SHARES = {"rendered": 0.5, "real": 0.35, "empty": 0.08, "shapes": 0.07}
 LONGEST_GRADIENT = 10.0
 CHECKPOINT_S, LINE_S = 240.0, 30.0
 PROBE_PICTURES = 24
@@ -118,10 +120,10 @@ class Training:
         options = self.options
         rendered = [picture for folder in options.rendered for picture in rendered_pictures(folder)]
         real = labelled_pictures(options.real) if options.real and options.real.exists() else []
-        empty = empty_pictures(options.empty) if options.empty and options.empty.exists() else []
+        empty, shapes = (empty_pictures(f) if f and f.exists() else [] for f in (options.empty, options.shapes))
         kinds = {}
         self.held_out: dict[str, list[Batch]] = {}
-        for name, pictures in (("rendered", rendered), ("real", real), ("empty", empty)):
+        for name, pictures in (("rendered", rendered), ("real", real), ("empty", empty), ("shapes", shapes)):
             kinds[name], held_out = split(pictures, options.hold_out)
             print(f"{name}: {len(kinds[name])} pictures, {len(held_out)} held out")
             if any(kind >= 0 for picture in held_out for kind in picture.classes):
@@ -221,6 +223,7 @@ def parse_options(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--rendered", type=Path, nargs="*", help="folders of `roadplane-train render dataset`")
     parser.add_argument("--real", type=Path, help="train.jsonl of real pictures, if it exists")
     parser.add_argument("--empty", type=Path, help="folder of photographs without vehicles, if it exists")
+    parser.add_argument("--shapes", type=Path, help="folder of `detect shapes`, if it exists")
     parser.add_argument("--hold-out", type=int, help="every n-th picture is held out")
     parser.add_argument("--steps", type=int)
     parser.add_argument("--batch", type=int)

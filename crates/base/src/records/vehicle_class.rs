@@ -14,8 +14,8 @@ pub enum VehicleClass {
     Truck,
     /// A bus.
     Bus,
-    /// A motorcycle or motor scooter with its riders. Only nets with this class find them; the shipped net
-    /// lacks it.
+    /// A motorcycle or motor scooter with its riders. The original net,
+    /// `detector_coco`, lacks this class.
     Motorcycle,
 }
 
