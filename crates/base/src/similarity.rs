@@ -23,18 +23,29 @@ impl Similarity {
     /// empty.
     #[must_use]
     pub fn fit(pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Option<Self> {
+        Self::fit_weighted(pairs, |_| 1.0)
+    }
+
+    /// Fits a transform like [`Self::fit`], with a weight above 0 for each pair. The weight depends on the pair's number.
+    #[must_use]
+    pub fn fit_weighted(
+        pairs: &[(Vector2<f64>, Vector2<f64>)],
+        weight: impl Fn(usize) -> f64,
+    ) -> Option<Self> {
         if pairs.is_empty() {
             return None;
         }
-        let n = pairs.len() as f64;
-        let from = pairs.iter().map(|p| p.0).sum::<Vector2<f64>>() / n;
-        let to = pairs.iter().map(|p| p.1).sum::<Vector2<f64>>() / n;
+        let n: f64 = (0..pairs.len()).map(&weight).sum();
+        let mean = |one: fn(&(Vector2<f64>, Vector2<f64>)) -> Vector2<f64>| {
+            pairs.iter().enumerate().map(|(i, pair)| one(pair) * weight(i)).sum::<Vector2<f64>>() / n
+        };
+        let (from, to) = (mean(|pair| pair.0), mean(|pair| pair.1));
         let (mut dot, mut cross, mut spread) = (0.0, 0.0, 0.0);
-        for (a, b) in pairs {
-            let (a, b) = (a - from, b - to);
-            dot += a.dot(&b);
-            cross += a.x * b.y - a.y * b.x;
-            spread += a.norm_squared();
+        for (i, (a, b)) in pairs.iter().enumerate() {
+            let (a, b, weight) = (a - from, b - to, weight(i));
+            dot += weight * a.dot(&b);
+            cross += weight * (a.x * b.y - a.y * b.x);
+            spread += weight * a.norm_squared();
         }
         let (c, s) = if spread > 1e-9 { (dot / spread, cross / spread) } else { (1.0, 0.0) };
         let m = Matrix2::new(c, -s, s, c);

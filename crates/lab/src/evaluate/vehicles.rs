@@ -26,10 +26,11 @@ const MIN_SIDE_PX: f64 = 30.0;
 const MIN_IOU: f64 = 0.3;
 /// Class of trailers. A trailer is not scored as a separate vehicle.
 const TRAILER: &str = "trailer";
-/// Number of rounds of the alignment. Each round leaves out the pairs that are too far apart after the previous round.
-const ROUNDS: usize = 5;
-/// Largest distance between the two positions of a pair that takes part in the next round, m.
-const FIT_M: f64 = 4.0;
+/// Number of rounds of the alignment. It changes little after about ten.
+const ROUNDS: usize = 30;
+/// Distance between the two positions of a pair at which its weight in the alignment is a half, m. It is about the
+/// median distance.
+const FIT_M: f64 = 1.0;
 
 /// The content of a file of vehicles.
 #[derive(Debug, Deserialize)]
@@ -173,11 +174,36 @@ fn pair<'a>(run: &'a FinishedRun, frame: &'a VehicleFrame) -> Paired<'a> {
     Paired { vehicles: &frame.vehicles, rows: rows.into_iter().zip(vehicle_of).filter(keep).collect() }
 }
 
+/// Fits a similarity by iterated weights for errors of a Cauchy distribution (Holland and Welsch 1977).
+///
+/// Boxes that hide each other are sometimes paired with the wrong vehicle. Such pairs hardly count.
 fn robust_fit(pairs: &[(Vector2<f64>, Vector2<f64>)]) -> Option<Similarity> {
     let mut fit = Similarity::fit(pairs)?;
     for _ in 0..ROUNDS {
-        let near = |(from, to): &&(Vector2<f64>, Vector2<f64>)| (fit.apply(from) - to).norm() < FIT_M;
-        fit = Similarity::fit(&pairs.iter().filter(near).copied().collect::<Vec<_>>())?;
+        let distances: Vec<f64> = pairs.iter().map(|(from, to)| (fit.apply(from) - to).norm()).collect();
+        fit = Similarity::fit_weighted(pairs, |i| 1.0 / (1.0 + (distances[i] / FIT_M).powi(2)))?;
     }
     Some(fit)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn wrong_pairs_do_not_move_the_alignment() {
+        let moved = |p: Vector2<f64>| Vector2::new(3.0 - 1.1 * p.y, 1.1 * p.x - 2.0);
+        let mut pairs: Vec<_> = (0..30_u32)
+            .map(|i| Vector2::new(f64::from(i % 6) * 4.0, f64::from(i / 6) * 7.0))
+            .map(|p| (p, moved(p)))
+            .collect();
+        // A third of the pairs belongs to two vehicles whose boxes were paired with their neighbours'.
+        pairs.extend((0..8).map(|_| (Vector2::new(18.0, 25.0), moved(Vector2::new(15.0, 20.0)))));
+        pairs.extend((0..7).map(|_| (Vector2::new(20.0, 2.0), moved(Vector2::new(17.0, 5.0)))));
+        let fit = robust_fit(&pairs).unwrap();
+        for (from, to) in &pairs[..30] {
+            assert!((fit.apply(from) - to).norm() < 0.25, "{from:?}");
+        }
+        assert!((fit.log_scale().exp() - 1.1).abs() < 0.01);
+    }
 }
