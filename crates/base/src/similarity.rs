@@ -35,11 +35,10 @@ impl Similarity {
         if pairs.is_empty() {
             return None;
         }
-        let n: f64 = (0..pairs.len()).map(&weight).sum();
-        let mean = |one: fn(&(Vector2<f64>, Vector2<f64>)) -> Vector2<f64>| {
-            pairs.iter().enumerate().map(|(i, pair)| one(pair) * weight(i)).sum::<Vector2<f64>>() / n
-        };
-        let (from, to) = (mean(|pair| pair.0), mean(|pair| pair.1));
+        let weights = || (0..pairs.len()).map(&weight);
+        let n: f64 = weights().sum();
+        let from = pairs.iter().zip(weights()).map(|(p, w)| p.0 * w).sum::<Vector2<f64>>() / n;
+        let to = pairs.iter().zip(weights()).map(|(p, w)| p.1 * w).sum::<Vector2<f64>>() / n;
         let (mut dot, mut cross, mut spread) = (0.0, 0.0, 0.0);
         for (i, (a, b)) in pairs.iter().enumerate() {
             let (a, b, weight) = (a - from, b - to, weight(i));
