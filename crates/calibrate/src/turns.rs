@@ -185,7 +185,7 @@ fn remaining(mapping: &Homography, focal: f64, aspect: f64) -> [f64; 2] {
     [straight.mean(), with_lens.mean()]
 }
 
-/// The least squares fit of `N` numbers.
+/// What a least squares fit of `N` numbers leaves.
 struct Rest<const N: usize> {
     normal: SMatrix<f64, N, N>,
     right: SVector<f64, N>,
@@ -207,13 +207,15 @@ impl<const N: usize> Rest<N> {
         self.count += 1.0;
     }
 
-    /// Returns the mean square of what the numbers do not explain; 0 if there is less than they can explain.
+    /// Returns the mean square of what the numbers do not explain; 0 if the data do not determine the numbers, so that
+    /// they can explain everything.
     fn mean(&self) -> f64 {
-        if self.count <= N as f64 {
-            return 0.0;
+        match self.normal.cholesky() {
+            Some(normal) if self.count > N as f64 => {
+                (self.squares - self.right.dot(&normal.solve(&self.right))).max(0.0) / self.count
+            }
+            _ => 0.0,
         }
-        let explained = self.normal.cholesky().map_or(0.0, |n| self.right.dot(&n.solve(&self.right)));
-        (self.squares - explained).max(0.0) / self.count
     }
 }
 
