@@ -112,8 +112,9 @@ fn labelled_cars_are_found() {
         }
         let (labelled, hits, given, good) = counts[3];
         // The labels are up to a third wider than the cars. So tight boxes of small cars have an IoU below 0.5.
-        assert!(good * 100 >= given * 88, "precision of at least 0.88");
-        assert!(min_iou > 0.4 || hits * 100 >= labelled * 85, "recall of at least 0.85");
+        let least_recall = if min_iou > 0.4 { 80 } else { 88 };
+        assert!(hits * 100 >= labelled * least_recall, "recall of at least {least_recall} %");
+        assert!(good * 100 >= given * 88, "precision of at least 88 %");
     }
 }
 
