@@ -21,20 +21,22 @@ def write_models(net: Path, folder: Path) -> None:
             (folder / path.name).symlink_to(path)
     data = net.read_bytes()
     (folder / "detector.onnx").write_bytes(data)
-    card = card_of(json.loads(ORIGINAL_CARD.read_text()), data, read_net(net).classes)
+    card = card_of(data, read_net(net).classes)
     (folder / "detector.card.json").write_text(json.dumps(card, indent=2))
 
 
-def card_of(card: dict, data: bytes, classes: int) -> dict:
+def card_of(data: bytes, classes: int) -> dict:
     """Returns the card of the original net, changed for the file `data` with the first classes of CLASSES."""
+    card = json.loads(ORIGINAL_CARD.read_text())
     outputs = [
         {**output, "shape": ["batch", classes, *output["shape"][2:]]} if output["name"].startswith("scores_") else output
         for output in card["outputs"]
     ]
-    names = {"name": "detector", "file": "detector.onnx", "decoding": "models/detector.md"}
     changed = {
         **card,
-        **names,
+        "name": "detector",
+        "file": "detector.onnx",
+        "decoding": "models/detector.md",
         "sha256": hashlib.sha256(data).hexdigest(),
         "classes": list(CLASSES[:classes]),
         "outputs": outputs,

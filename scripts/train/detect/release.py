@@ -15,10 +15,10 @@ from pathlib import Path
 
 from roadplane_train.detect.model import NanoDet, with_classes
 from roadplane_train.detect.onnx_file import read_net, write_net
-from roadplane_train.detect.product import MODELS, ORIGINAL_CARD, card_of
+from roadplane_train.detect.product import MODELS, card_of
 from roadplane_train.detect.train import averaged_net
 
-# Chosen on held-out views and pictures without vehicles (models/detector.md).
+# Chosen on held-out pictures, and on pictures without vehicles (models/detector.md).
 SHARE = 0.75
 LICENCE = (
     "MIT OR Apache-2.0; original weights: Apache-2.0 (NanoDet), MIT (package), models/detector.LICENSE; "
@@ -57,7 +57,7 @@ def main() -> None:
     trained = read_trained(options.net)
     path = options.models / "detector.onnx"
     write_net(mixed(trained, options.share), path, half=True)
-    card = card_of(json.loads(ORIGINAL_CARD.read_text()), path.read_bytes(), trained.classes) | {
+    card = card_of(path.read_bytes(), trained.classes) | {
         "version": "2",
         "licence": LICENCE,
         "source": "fine-tuned from models/detector_coco.onnx by scripts/train/detect (models/detector.md)",
