@@ -14,8 +14,7 @@ pub enum VehicleClass {
     Truck,
     /// A bus.
     Bus,
-    /// A motorcycle or motor scooter with its riders. The original net,
-    /// `detector_coco`, lacks this class.
+    /// A motorcycle or motor scooter with its riders. The original net, `detector_coco`, lacks this class.
     Motorcycle,
 }
 
