@@ -7,7 +7,9 @@ import pytest
 
 from .dataset import SLIVER_SHARE, still_truth
 from .frames import draw
+from .places import make_lot, make_street
 from .renderer import Renderer
+from .roadside import PAINT_M, add_roadside
 from .scene import _clear
 from .sky import WEATHERS, glare, lamp_pools, rain, sample_sky
 from .stills import CarPool
@@ -38,6 +40,23 @@ def test_effects_keep_black_dark_and_lamps_bright() -> None:
         assert done.shape == image.shape and done.dtype == np.uint8
         assert done[31, 41].min() > 150 and done[0, 0].max() < 40
     assert glare(np.random.default_rng(1), image, (1.0, 2.0))[35, 41].min() > 0
+
+
+def test_things_on_the_road_are_paint_and_all_others_are_beside_it() -> None:
+    painted = upright = 0
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        make = make_street(rng, np.array([5.0, 30.0]), 0.7, False, 4) if seed % 2 else make_lot(rng, np.zeros(2), 0.7, False)
+        before = len(make.props)
+        add_roadside(rng, make)
+        for prop in make.props[before:]:
+            n = abs((prop.world_from_prop[:2, 3] - make.origin) @ make.across)
+            if prop.world_from_prop[2, 2] == PAINT_M:
+                painted += 1
+            elif make.layout == "street":
+                upright += 1
+                assert n > make.aisle_m, "it lies on the road"
+    assert painted > 50 and upright > 50
 
 
 @pytest.mark.egl

@@ -20,6 +20,7 @@ from .camera import Camera, world_from_car
 from .frames import sample_finish
 from .gpu_car import GpuCar
 from .places import Site, make_lot, make_street
+from .roadside import add_roadside
 from .scene import PlacedCar, Scene, _clear
 from .sky import WEATHERS, Effect, effects_of, sample_sky
 from .stills import CAR_M, CarPool, Still, set_exposure, shadow_reach
@@ -196,6 +197,7 @@ def sample_view(rng: np.random.Generator, pool: VehiclePool) -> Still:
             site = make_lot(rng, aim[:2], turn, wet)
         else:
             site = make_street(rng, aim[:2], turn, wet, int(rng.choice([2, 4, 6], p=[0.4, 0.4, 0.2])))
+        add_roadside(rng.spawn(1)[0], site)  # of its own, so that the rest of a view does not depend on it
         site.props = [prop for prop in site.props if np.linalg.norm(prop.world_from_prop[:2, 3]) > 6]
         filler = Filler(rng, camera, site, pool, weather, light.haze)
         if not empty:
