@@ -17,6 +17,8 @@ LARGEST_ROLL_DEG = 35.0
 # Size (square root of the area) that a drawn vehicle gets in the net's input, px.
 SIZES_PX = (16.0, 300.0)
 SCALES = (0.15, 1.6)
+# Share of the views that look at a mistake of an earlier net, of pictures that have some. It is an ESTIMATE.
+MISTAKES_SHARE = 0.4
 # A vehicle of which less lies inside the input is ignored, and one with a shorter longer side.
 SMALLEST_INSIDE, SMALLEST_SIDE_PX = 0.35, 10.0
 
@@ -80,7 +82,8 @@ def letterbox(size_px: tuple[int, int], input_px: int = INPUT_PX) -> View:
 def random_view(rng: np.random.Generator, picture: Picture, input_px: int = INPUT_PX) -> View:
     """Returns a random view, in which vehicles of all sizes come about equally often.
 
-    It looks at a vehicle of a random class first, so that rare classes are in the middle of more views.
+    It looks at a vehicle of a random class first, so that rare classes are in the middle of more views. Or it looks at
+    a mistake of an earlier net.
     """
     size = np.array(picture.size_px, float)
     fit = input_px / size.max()
@@ -88,9 +91,13 @@ def random_view(rng: np.random.Generator, picture: Picture, input_px: int = INPU
     for outline, kind in zip(picture.outlines, picture.classes, strict=True):
         if kind != IGNORED:
             vehicles.setdefault(kind, []).append(outline)
-    if vehicles and rng.random() < 0.75:
+    box = None
+    if picture.mistakes and rng.random() < MISTAKES_SHARE:
+        box = picture.mistakes[rng.integers(len(picture.mistakes))]
+    elif vehicles and rng.random() < 0.75:
         outlines = vehicles[sorted(vehicles)[rng.integers(len(vehicles))]]
         box = bounds(outlines[rng.integers(len(outlines))])
+    if box is not None:
         wanted = math.exp(rng.uniform(*np.log(SIZES_PX)))
         scale = wanted / max(math.sqrt(float(np.prod(box[2:] - box[:2]))), 1.0)
         centre = (box[:2] + box[2:]) / 2 + rng.uniform(-0.4, 0.4, 2) * input_px / np.clip(scale, *SCALES)

@@ -40,6 +40,7 @@ class Picture:
     classes: tuple[int, ...]  # numbers in CLASSES, or IGNORED
     real: bool
     frame: int = 0  # of a video
+    mistakes: tuple[np.ndarray, ...] = ()  # boxes [4] that a net took for vehicles
 
     def read(self) -> np.ndarray:
         """Returns the RGB pixels."""

@@ -25,6 +25,7 @@ from roadplane_train.detect.boxes import cells_of, detections, flat
 from roadplane_train.detect.data import Batch, Prefetch, Sampler, whole_pictures
 from roadplane_train.detect.loss import Losses, losses_of
 from roadplane_train.detect.metrics import Judged
+from roadplane_train.detect.mistakes import with_mistakes
 from roadplane_train.detect.model import CLASSES, INPUT_PX, NanoDet, with_classes
 from roadplane_train.detect.onnx_file import ORIGINAL, read_net, write_net
 from roadplane_train.detect.pictures import Picture, empty_pictures, labelled_pictures, rendered_pictures
@@ -39,6 +40,7 @@ PRESETS = {
         "real": None,
         "empty": None,
         "shapes": None,
+        "mistakes": None,
         "steps": 40,
         "batch": 8,
         "run": "small",
@@ -49,6 +51,7 @@ PRESETS = {
         "real": REPOSITORY.parent / "shared/data/detect/train.jsonl",
         "empty": WORK / "empty/learn",
         "shapes": WORK / "shapes",
+        "mistakes": WORK / "mistakes.json",
         "steps": 10_000,
         "batch": 16,
         "run": "full",
@@ -73,6 +76,14 @@ def split(pictures: list[Picture], every: int) -> tuple[list[Picture], list[Pict
     numbers = [scenes.setdefault(CLIP_FRAME.sub("", str(p.path)), len(scenes)) for p in pictures]
     learn = [p for p, k in zip(pictures, numbers, strict=True) if k % every]
     return learn, [p for p, k in zip(pictures, numbers, strict=True) if k % every == 0]
+
+
+def pictures_of(options: argparse.Namespace) -> dict[str, list[Picture]]:
+    """Returns the pictures of each kind, held-out ones too; a kind whose folder is missing has none."""
+    rendered = [picture for folder in options.rendered for picture in rendered_pictures(folder)]
+    real = labelled_pictures(options.real) if options.real and options.real.exists() else []
+    empty, shapes = (empty_pictures(f) if f and f.exists() else [] for f in (options.empty, options.shapes))
+    return {"rendered": rendered, "real": real, "empty": empty, "shapes": shapes}
 
 
 def averaged_net(checkpoint: Path) -> NanoDet:
@@ -118,13 +129,11 @@ class Training:
     def read_pictures(self) -> None:
         """Finds all training pictures, before the first step."""
         options = self.options
-        rendered = [picture for folder in options.rendered for picture in rendered_pictures(folder)]
-        real = labelled_pictures(options.real) if options.real and options.real.exists() else []
-        empty, shapes = (empty_pictures(f) if f and f.exists() else [] for f in (options.empty, options.shapes))
         kinds = {}
         self.held_out: dict[str, list[Batch]] = {}
-        for name, pictures in (("rendered", rendered), ("real", real), ("empty", empty), ("shapes", shapes)):
-            kinds[name], held_out = split(pictures, options.hold_out)
+        for name, pictures in pictures_of(options).items():
+            learn, held_out = split(pictures, options.hold_out)
+            kinds[name] = with_mistakes(learn, options.mistakes)
             print(f"{name}: {len(kinds[name])} pictures, {len(held_out)} held out")
             if any(kind >= 0 for picture in held_out for kind in picture.classes):
                 self.held_out[name] = whole_pictures(held_out[:PROBE_PICTURES], PROBE_PX)
@@ -224,6 +233,7 @@ def parse_options(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--real", type=Path, help="train.jsonl of real pictures, if it exists")
     parser.add_argument("--empty", type=Path, help="folder of photographs without vehicles, if it exists")
     parser.add_argument("--shapes", type=Path, help="folder of `detect shapes`, if it exists")
+    parser.add_argument("--mistakes", type=Path, help="file of `detect mistakes`, if it exists")
     parser.add_argument("--hold-out", type=int, help="every n-th picture is held out")
     parser.add_argument("--steps", type=int)
     parser.add_argument("--batch", type=int)

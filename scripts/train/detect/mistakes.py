@@ -1,0 +1,87 @@
+"""Finds the false boxes of a net in the training pictures, so that the training looks there more often.
+
+  roadplane-train detect mistakes --net FILE [--out FILE]
+
+Run it again after a training. The file lists boxes of each picture, left, top, right, bottom in px.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from roadplane_train.detect.augment import letterbox
+from roadplane_train.detect.boxes import detections
+from roadplane_train.detect.data import batch_of
+from roadplane_train.detect.metrics import overlaps
+from roadplane_train.detect.model import NanoDet
+from roadplane_train.detect.onnx_file import read_net
+from roadplane_train.detect.outlines import bounds
+from roadplane_train.detect.pictures import IGNORED, Picture
+from roadplane_train.net.loss import HAS_BF16
+
+LEAST_SCORE = 0.25  # below the product's threshold: other views of the same thing may score more
+FARTHEST_IOU = 0.25  # with every vehicle, as in `rolled.json`
+MOST = 12  # of a picture, the best-scored ones
+INPUT_PX = 960
+
+
+def mistakes_of(net: NanoDet, picture: Picture, input_px: int = INPUT_PX) -> np.ndarray:
+    """Returns the boxes [n, 4] in the picture that are no vehicle, best-scored first.
+
+    Boxes that lie by half in an ignored one are left out.
+    """
+    view = letterbox(picture.size_px, input_px)
+    batch = batch_of([(view.pixels(picture.read()), np.zeros((0, 4), np.float32), np.zeros(0, np.int64), picture.real)])
+    with torch.no_grad(), torch.autocast("cpu", enabled=HAS_BF16):
+        (rows,) = detections(net(batch.input().contiguous(memory_format=torch.channels_last)), LEAST_SCORE)
+    found = rows.numpy().astype(float)[:, :4]
+    found = (found.reshape(-1, 2, 2) - input_px / 2) / view.scale + np.array(view.centre)
+    found = found.reshape(-1, 4)
+    vehicles = np.array([bounds(outline) for outline in picture.outlines]).reshape(-1, 4)
+    iou, within = overlaps(found, vehicles)
+    ignored = np.array(picture.classes, int) == IGNORED
+    false = (iou < FARTHEST_IOU).all(1) & (within[:, ignored] < 0.5).all(1)
+    return found[false][:MOST]
+
+
+def with_mistakes(pictures: list[Picture], file: Path | None) -> list[Picture]:
+    """Returns the pictures with the mistakes that the file lists; it may be missing."""
+    if file is None or not file.exists():
+        return pictures
+    listed = json.loads(file.read_text())
+    return [replace(p, mistakes=tuple(map(np.array, listed.get(key_of(p), ())))) for p in pictures]
+
+
+def key_of(picture: Picture) -> str:
+    """Returns the name of a picture in the file."""
+    return f"{picture.path.parent.parent.name}/{picture.path.parent.name}/{picture.path.name}"
+
+
+def main() -> None:
+    """Writes the file."""
+    from roadplane_train.detect.train import WORK, parse_options, pictures_of
+
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--net", type=Path, required=True, help="ONNX file")
+    parser.add_argument("--out", type=Path, default=WORK / "mistakes.json")
+    options = parser.parse_args()
+    torch.set_num_threads(1)
+    net = read_net(options.net).to(memory_format=torch.channels_last)
+    listed: dict[str, list[list[float]]] = {}
+    for name, pictures in pictures_of(parse_options(["--preset", "full"])).items():
+        before = sum(map(len, listed.values()))
+        for picture in pictures:
+            if len(boxes := mistakes_of(net, picture)):
+                listed[key_of(picture)] = boxes.round(1).tolist()
+        print(f"{name}: {sum(map(len, listed.values())) - before} mistakes in {len(pictures)} pictures", flush=True)
+    options.out.write_text(json.dumps(listed))
+
+
+if __name__ == "__main__":
+    main()
