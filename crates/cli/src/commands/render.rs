@@ -5,7 +5,7 @@ use roadplane_pipeline::{Cancel, render_run};
 use crate::args::RenderArgs;
 use roadplane_terminal::{Bar, Outcome};
 
-/// Draws boxes, wireframes, tracks and the bird's-eye view of a run into a video.
+/// Draws boxes, wireframes and tracks of a run into a video.
 pub fn render(args: &RenderArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let out = args.out.clone().unwrap_or_else(|| args.run.join("annotated.mp4"));
