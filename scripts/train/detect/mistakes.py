@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import argparse
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +21,8 @@ from roadplane_train.detect.metrics import overlaps
 from roadplane_train.detect.model import NanoDet
 from roadplane_train.detect.onnx_file import read_net
 from roadplane_train.detect.outlines import bounds
-from roadplane_train.detect.pictures import IGNORED, Picture
+from roadplane_train.detect.pictures import IGNORED, Picture, key_of
+from roadplane_train.detect.train import WORK, parse_options, pictures_of
 from roadplane_train.net.loss import HAS_BF16
 
 LEAST_SCORE = 0.25  # below the product's threshold: other views of the same thing may score more
@@ -50,23 +50,8 @@ def mistakes_of(net: NanoDet, picture: Picture, input_px: int = INPUT_PX) -> np.
     return found[false][:MOST]
 
 
-def with_mistakes(pictures: list[Picture], file: Path | None) -> list[Picture]:
-    """Returns the pictures with the mistakes that the file lists; it may be missing."""
-    if file is None or not file.exists():
-        return pictures
-    listed = json.loads(file.read_text())
-    return [replace(p, mistakes=tuple(map(np.array, listed.get(key_of(p), ())))) for p in pictures]
-
-
-def key_of(picture: Picture) -> str:
-    """Returns the name of a picture in the file."""
-    return f"{picture.path.parent.parent.name}/{picture.path.parent.name}/{picture.path.name}"
-
-
 def main() -> None:
     """Writes the file."""
-    from roadplane_train.detect.train import WORK, parse_options, pictures_of
-
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--net", type=Path, required=True, help="ONNX file")
     parser.add_argument("--out", type=Path, default=WORK / "mistakes.json")

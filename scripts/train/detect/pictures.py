@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import gzip
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
@@ -40,7 +40,7 @@ class Picture:
     classes: tuple[int, ...]  # numbers in CLASSES, or IGNORED
     real: bool
     frame: int = 0  # of a video
-    mistakes: tuple[np.ndarray, ...] = ()  # boxes [4] that a net took for vehicles
+    mistakes: tuple[np.ndarray, ...] = ()  # boxes [4] that a net took for vehicles, of `detect mistakes`
 
     def read(self) -> np.ndarray:
         """Returns the RGB pixels."""
@@ -134,6 +134,19 @@ def empty_pictures(folder: Path) -> list[Picture]:
             raise ValueError(f"{path} cannot be read")
         found.append(Picture(path, (image.shape[1], image.shape[0]), (), (), real=True))
     return found
+
+
+def with_mistakes(pictures: list[Picture], file: Path | None) -> list[Picture]:
+    """Returns the pictures with the mistakes that the file lists; it may be missing."""
+    if file is None or not file.exists():
+        return pictures
+    listed = json.loads(file.read_text())
+    return [replace(p, mistakes=tuple(map(np.array, listed.get(key_of(p), ())))) for p in pictures]
+
+
+def key_of(picture: Picture) -> str:
+    """Returns the name of a picture in the file."""
+    return f"{picture.path.parent.parent.name}/{picture.path.parent.name}/{picture.path.name}"
 
 
 def _iou(a: np.ndarray, b: np.ndarray) -> float:

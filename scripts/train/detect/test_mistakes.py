@@ -16,10 +16,10 @@ torch = pytest.importorskip("torch", reason="PyTorch is missing (apt-get install
 from roadplane_train.cars.mesh import REPOSITORY
 from roadplane_train.detect.augment import random_view
 from roadplane_train.detect.metrics import overlaps
-from roadplane_train.detect.mistakes import key_of, mistakes_of, with_mistakes
+from roadplane_train.detect.mistakes import mistakes_of
 from roadplane_train.detect.onnx_file import read_net
 from roadplane_train.detect.outlines import bounds
-from roadplane_train.detect.pictures import Picture, rendered_pictures
+from roadplane_train.detect.pictures import Picture, key_of, rendered_pictures, with_mistakes
 
 LOTS = REPOSITORY / "tests/data/lots/scenes"
 

@@ -25,10 +25,9 @@ from roadplane_train.detect.boxes import cells_of, detections, flat
 from roadplane_train.detect.data import Batch, Prefetch, Sampler, whole_pictures
 from roadplane_train.detect.loss import Losses, losses_of
 from roadplane_train.detect.metrics import Judged
-from roadplane_train.detect.mistakes import with_mistakes
 from roadplane_train.detect.model import CLASSES, INPUT_PX, NanoDet, with_classes
 from roadplane_train.detect.onnx_file import ORIGINAL, read_net, write_net
-from roadplane_train.detect.pictures import Picture, empty_pictures, labelled_pictures, rendered_pictures
+from roadplane_train.detect.pictures import Picture, empty_pictures, labelled_pictures, rendered_pictures, with_mistakes
 from roadplane_train.net.loss import HAS_BF16
 from roadplane_train.net.train import Average, learning_rate
 
