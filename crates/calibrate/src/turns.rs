@@ -185,7 +185,7 @@ fn remaining(mapping: &Homography, focal: f64, aspect: f64) -> [f64; 2] {
     [straight.mean(), with_lens.mean()]
 }
 
-/// What a least squares fit of `N` numbers leaves.
+/// The residual of a least squares fit of `N` numbers.
 struct Rest<const N: usize> {
     normal: SMatrix<f64, N, N>,
     right: SVector<f64, N>,

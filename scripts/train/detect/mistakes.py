@@ -15,15 +15,12 @@ import numpy as np
 import torch
 
 from roadplane_train.detect.augment import letterbox
-from roadplane_train.detect.boxes import detections
-from roadplane_train.detect.data import batch_of
+from roadplane_train.detect.data import whole_pictures
 from roadplane_train.detect.metrics import overlaps
 from roadplane_train.detect.model import NanoDet
 from roadplane_train.detect.onnx_file import read_net
-from roadplane_train.detect.outlines import bounds
-from roadplane_train.detect.pictures import IGNORED, Picture, key_of
-from roadplane_train.detect.train import WORK, parse_options, pictures_of
-from roadplane_train.net.loss import HAS_BF16
+from roadplane_train.detect.pictures import Picture, key_of
+from roadplane_train.detect.train import WORK, found_in, parse_options, pictures_of
 
 LEAST_SCORE = 0.25  # below the product's threshold: other views of the same thing may score more
 FARTHEST_IOU = 0.25  # with every vehicle, as in `rolled.json`
@@ -36,18 +33,14 @@ def mistakes_of(net: NanoDet, picture: Picture, input_px: int = INPUT_PX) -> np.
 
     Boxes that lie by half in an ignored one are left out.
     """
+    (batch,) = whole_pictures([picture], input_px)
+    found = found_in(net, batch, LEAST_SCORE)[:, :4]
+    vehicles, ignored = batch.boxes[0].numpy(), batch.ignored[0].numpy()
+    near, within = (overlaps(found, known) for known in (np.concatenate([vehicles, ignored]), ignored))
+    false = (near[0] < FARTHEST_IOU).all(1) & (within[1] < 0.5).all(1)
     view = letterbox(picture.size_px, input_px)
-    batch = batch_of([(view.pixels(picture.read()), np.zeros((0, 4), np.float32), np.zeros(0, np.int64), picture.real)])
-    with torch.no_grad(), torch.autocast("cpu", enabled=HAS_BF16):
-        (rows,) = detections(net(batch.input().contiguous(memory_format=torch.channels_last)), LEAST_SCORE)
-    found = rows.numpy().astype(float)[:, :4]
-    found = (found.reshape(-1, 2, 2) - input_px / 2) / view.scale + np.array(view.centre)
-    found = found.reshape(-1, 4)
-    vehicles = np.array([bounds(outline) for outline in picture.outlines]).reshape(-1, 4)
-    iou, within = overlaps(found, vehicles)
-    ignored = np.array(picture.classes, int) == IGNORED
-    false = (iou < FARTHEST_IOU).all(1) & (within[:, ignored] < 0.5).all(1)
-    return found[false][:MOST]
+    corners = (found[false][:MOST].reshape(-1, 2, 2) - input_px / 2) / view.scale + np.array(view.centre)
+    return corners.reshape(-1, 4)
 
 
 def main() -> None:

@@ -202,6 +202,13 @@ class Training:
             print(f"  held out, {name}: {figures}", flush=True)
 
 
+def found_in(net: NanoDet, batch: Batch, least: float = 0.05) -> np.ndarray:
+    """Returns the boxes [n, 6] that the net finds in a batch of one picture, as `detections` does."""
+    with torch.no_grad(), torch.autocast("cpu", enabled=HAS_BF16):
+        (rows,) = detections(net(batch.input().contiguous(memory_format=torch.channels_last)), least)
+    return rows.numpy().astype(float)
+
+
 def probe(net: NanoDet, batches: list[Batch]) -> dict[str, float]:
     """Returns average precisions on whole pictures, %.
 
@@ -210,9 +217,7 @@ def probe(net: NanoDet, batches: list[Batch]) -> dict[str, float]:
     judged = {"AP50": Judged(0.5), "AP70": Judged(0.7)}
     of_class = {name: Judged(0.5) for name in CLASSES}
     for batch in batches:
-        with torch.no_grad(), torch.autocast("cpu", enabled=HAS_BF16):
-            (rows,) = detections(net(batch.input().contiguous(memory_format=torch.channels_last)))
-        found, true, classes = rows.numpy().astype(float), batch.boxes[0].numpy(), batch.classes[0].numpy()
+        found, true, classes = found_in(net, batch), batch.boxes[0].numpy(), batch.classes[0].numpy()
         ignored = batch.ignored[0].numpy()
         for each in judged.values():
             each.add(found, true, ignored)

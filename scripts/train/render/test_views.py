@@ -46,16 +46,16 @@ def test_things_on_the_road_are_paint_and_all_others_are_beside_it() -> None:
     painted = upright = 0
     for seed in range(30):
         rng = np.random.default_rng(seed)
-        make = make_street(rng, np.array([5.0, 30.0]), 0.7, False, 4) if seed % 2 else make_lot(rng, np.zeros(2), 0.7, False)
-        before = len(make.props)
-        add_roadside(rng, make)
-        for prop in make.props[before:]:
-            n = abs((prop.world_from_prop[:2, 3] - make.origin) @ make.across)
+        site = make_street(rng, np.array([5.0, 30.0]), 0.7, False, 4) if seed % 2 else make_lot(rng, np.zeros(2), 0.7, False)
+        before = len(site.props)
+        add_roadside(rng, site)
+        for prop in site.props[before:]:
+            n = abs((prop.world_from_prop[:2, 3] - site.origin) @ site.across)
             if prop.world_from_prop[2, 2] == PAINT_M:
                 painted += 1
-            elif make.layout == "street":
+            elif site.layout == "street":
                 upright += 1
-                assert n > make.aisle_m, "it lies on the road"
+                assert n > site.aisle_m, "it lies on the road"
     assert painted > 50 and upright > 50
 
 
