@@ -1,0 +1,146 @@
+//! The input of all traffic figures: vehicles with their paths on the ground.
+
+use nalgebra::Vector2;
+use roadplane_base::VehicleClass;
+
+/// The vehicles of one clip in one world frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Clip {
+    /// Name of the clip.
+    pub name: String,
+    /// Time of the clip's first frame, s since 1970-01-01 00:00 UTC; `None` if it is unknown.
+    pub start_s: Option<f64>,
+    /// Presentation times of the first and the last frame, s.
+    pub span_s: [f64; 2],
+    /// Intervals within the span in which vehicles could not be followed, s. They are sorted and do not overlap.
+    pub not_followed_s: Vec<[f64; 2]>,
+    /// Relative sd of all lengths and speeds. All vehicles of the clip share this error of the metric scale. `None` if
+    /// the tracks have no sds.
+    pub scale_sd: Option<f64>,
+    /// The vehicles, sorted by track number.
+    pub vehicles: Vec<Vehicle>,
+}
+
+/// A vehicle and its path on the ground.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Vehicle {
+    /// Number of the track.
+    pub track: u64,
+    /// Class of the vehicle.
+    pub class: VehicleClass,
+    /// Length of the vehicle, m.
+    pub length_m: f64,
+    /// Width of the vehicle without mirrors, m.
+    pub width_m: f64,
+    /// Probability that the vehicle exists, 0 to 1.
+    pub exists_p: f64,
+    /// States of the vehicle in the order of time. The list is never empty.
+    pub states: Vec<State>,
+}
+
+/// The state of a vehicle at one time. The position is the centre of its footprint.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct State {
+    /// Presentation time, s.
+    pub time_s: f64,
+    /// World x, m.
+    pub x_m: f64,
+    /// World y, m.
+    pub y_m: f64,
+    /// Heading, rad: 0 along world +x, counter-clockwise.
+    pub heading_rad: f32,
+    /// Speed along the heading, m/s. It is negative if the vehicle reverses.
+    pub speed_mps: f32,
+    /// Sds of x and y without the error that all vehicles share, m; 0 if unknown.
+    pub own_sd_m: [f32; 2],
+    /// Sd of the speed without the error that all vehicles share, m/s; 0 if unknown.
+    pub own_speed_sd_mps: f32,
+}
+
+/// Longest time between two states that is bridged by interpolation, s. A vehicle has a state in every frame, except
+/// while it is out of the picture.
+const LONGEST_STEP_S: f64 = 1.1;
+
+impl Clip {
+    /// Returns the time in which vehicles were followed between two times, s.
+    #[must_use]
+    pub fn followed_s(&self, from_s: f64, to_s: f64) -> f64 {
+        let overlap = |[from, to]: [f64; 2]| (to.min(to_s) - from.max(from_s)).max(0.0);
+        let lost: f64 = self
+            .not_followed_s
+            .iter()
+            .map(|&[from, to]| overlap([from.max(self.span_s[0]), to.min(self.span_s[1])]))
+            .sum();
+        overlap(self.span_s) - lost
+    }
+}
+
+impl State {
+    /// Returns the position, m.
+    #[must_use]
+    pub fn position(&self) -> Vector2<f64> {
+        Vector2::new(self.x_m, self.y_m)
+    }
+
+    /// Returns the unit vector along the heading.
+    #[must_use]
+    pub fn forward(&self) -> Vector2<f64> {
+        let (sin, cos) = f64::from(self.heading_rad).sin_cos();
+        Vector2::new(cos, sin)
+    }
+
+    /// Returns the variance of the vehicle's own position error along a unit vector, m².
+    #[must_use]
+    pub fn own_variance_along(&self, direction: &Vector2<f64>) -> f64 {
+        let [x, y] = self.own_sd_m.map(f64::from);
+        (x * direction.x).powi(2) + (y * direction.y).powi(2)
+    }
+
+    /// Returns the state between this state and a later one. `share` is 0 for this state and 1 for the later one.
+    #[must_use]
+    pub fn between(&self, later: &Self, share: f64) -> Self {
+        let mix = |a: f64, b: f64| a + (b - a) * share;
+        let mix32 = |a: f32, b: f32| mix(f64::from(a), f64::from(b)) as f32;
+        let turn = f64::from(later.heading_rad) - f64::from(self.heading_rad);
+        let turn = turn.sin().atan2(turn.cos());
+        Self {
+            time_s: mix(self.time_s, later.time_s),
+            x_m: mix(self.x_m, later.x_m),
+            y_m: mix(self.y_m, later.y_m),
+            heading_rad: (f64::from(self.heading_rad) + turn * share) as f32,
+            speed_mps: mix32(self.speed_mps, later.speed_mps),
+            own_sd_m: [0, 1].map(|i| mix32(self.own_sd_m[i], later.own_sd_m[i])),
+            own_speed_sd_mps: mix32(self.own_speed_sd_mps, later.own_speed_sd_mps),
+        }
+    }
+}
+
+impl Vehicle {
+    /// Returns the times of the first and the last state, s.
+    #[must_use]
+    pub fn span_s(&self) -> [f64; 2] {
+        let time = |state: Option<&State>| state.map_or(0.0, |state| state.time_s);
+        [time(self.states.first()), time(self.states.last())]
+    }
+
+    /// Returns pairs of consecutive states, without pairs that a gap separates.
+    pub fn steps(&self) -> impl Iterator<Item = (&State, &State)> {
+        self.states
+            .windows(2)
+            .map(|pair| (&pair[0], &pair[1]))
+            .filter(|(a, b)| b.time_s - a.time_s <= LONGEST_STEP_S)
+    }
+
+    /// Returns the interpolated state at a time (s); `None` before the first state, after the last state, and in a gap.
+    #[must_use]
+    pub fn at(&self, time_s: f64) -> Option<State> {
+        let next = self.states.partition_point(|state| state.time_s < time_s);
+        let later = self.states.get(next)?;
+        if later.time_s == time_s {
+            return Some(*later);
+        }
+        let earlier = self.states.get(next.checked_sub(1)?)?;
+        let step = later.time_s - earlier.time_s;
+        (step <= LONGEST_STEP_S).then(|| earlier.between(later, (time_s - earlier.time_s) / step))
+    }
+}
