@@ -1,16 +1,44 @@
-//! Figures of traffic from tracks on the ground: counts, flows, speeds, headways, zones, queues and conflicts. Each
-//! figure has an interval.
+//! Figures of traffic from tracks on the ground: counts, flows, speeds, headways, zones and queues. Each figure has an
+//! interval.
 //!
 //! The crate is pure: it has no I/O, no clock and no random numbers.
 //!
 //! # Contents
 //! - `vehicle.rs`: the input, vehicles with their paths
 //! - `gate.rs`: lines and areas on the ground
+//! - `crossing.rs`, `count.rs`: which vehicle crosses a gate, and how many do
+//! - `speed.rs`: means and percentiles of speeds
+//! - `zone.rs`, `zone_figures.rs`: stays in a zone, occupancy, density, queues
+//! - `clock.rs`: local time and periods
+//! - `site.rs`, `passages.rs`: the clips of a camera, periods, passages over a gate with headways
+//! - `figures.rs` (`gate_figures.rs`, `flows.rs`), `records.rs`: the tables of a camera, and their rows
+//! - `normal.rs`: the normal distribution
 
 #![deny(missing_docs)]
 
+mod clock;
+mod count;
+mod crossing;
+mod figures;
+mod flows;
 mod gate;
+mod gate_figures;
+mod normal;
+mod passages;
+mod records;
+mod site;
+mod speed;
 mod vehicle;
+mod zone;
+mod zone_figures;
 
+pub use clock::{Clock, ClockError, start_in_name};
+pub use count::count_interval;
+pub use crossing::{Crossing, crossings};
+pub use figures::Figures;
 pub use gate::{Direction, Gate, Zone};
+pub use records::{CountRow, CrossingRow, FlowRow, Group, HeadwayRow, HistogramRow, SpeedRow, ZoneRow};
+pub use site::{Site, SiteClip};
+pub use speed::{Measured, Speed, percentile, space_mean, time_mean};
 pub use vehicle::{Clip, State, Vehicle};
+pub use zone::{Queue, STATIONARY_MPS, Visit, queue, visits};

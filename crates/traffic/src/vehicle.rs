@@ -55,6 +55,8 @@ pub struct State {
     pub own_sd_m: [f32; 2],
     /// Sd of the speed without the error that all vehicles share, m/s; 0 if unknown.
     pub own_speed_sd_mps: f32,
+    /// Relative sd of the metric scale at this place along the heading; 0 if unknown. All vehicles share this error.
+    pub scale_sd: f32,
 }
 
 /// Longest time between two states that is bridged by interpolation, s. A vehicle has a state in every frame, except
@@ -111,6 +113,7 @@ impl State {
             speed_mps: mix32(self.speed_mps, later.speed_mps),
             own_sd_m: [0, 1].map(|i| mix32(self.own_sd_m[i], later.own_sd_m[i])),
             own_speed_sd_mps: mix32(self.own_speed_sd_mps, later.own_speed_sd_mps),
+            scale_sd: mix32(self.scale_sd, later.scale_sd),
         }
     }
 }

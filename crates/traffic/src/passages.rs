@@ -1,0 +1,104 @@
+//! Passages over a gate in one direction, with the headways between them.
+
+use roadplane_base::VehicleClass;
+
+use crate::crossing::{Crossing, crossings};
+use crate::site::{Period, Site, SiteClip};
+use crate::{Direction, Speed};
+
+/// A crossing, its clip, and its time in the camera's time.
+pub(crate) struct Passage<'a> {
+    pub(crate) clip: &'a SiteClip,
+    pub(crate) crossing: Crossing,
+    pub(crate) at_s: f64,
+    pub(crate) period: usize,
+    pub(crate) exists_p: f64,
+    pub(crate) probability: f64,
+    pub(crate) headway: Option<Headway>,
+}
+
+#[derive(Clone, Copy)]
+pub(crate) struct Headway {
+    pub(crate) headway_s: f64,
+    pub(crate) sd_s: f64,
+    pub(crate) gap_s: f64,
+}
+
+impl Passage<'_> {
+    /// Whether the vehicle counts: it is more probable than not that it crossed.
+    pub(crate) fn counts(&self) -> bool {
+        self.probability >= 0.5
+    }
+
+    /// Returns the class of the vehicle.
+    pub(crate) fn class(&self) -> VehicleClass {
+        self.clip.clip.vehicles[self.crossing.vehicle].class
+    }
+
+    /// Returns the speed of the vehicle at the line.
+    pub(crate) fn speed(&self) -> Speed {
+        let state = &self.crossing.state;
+        Speed {
+            mps: f64::from(state.speed_mps).abs(),
+            own_sd_mps: f64::from(state.own_speed_sd_mps),
+            scale_sd: f64::from(state.scale_sd),
+        }
+    }
+}
+
+impl Site {
+    /// Returns the crossings of a gate in one direction, in the order of time, with their headways.
+    pub(crate) fn passages(&self, gate: usize, direction: Direction, periods: &[Period]) -> Vec<Passage<'_>> {
+        let mut passages = Vec::new();
+        for clip in &self.clips {
+            for (index, vehicle) in clip.clip.vehicles.iter().enumerate() {
+                for crossing in crossings(&clip.gates[gate], index, vehicle) {
+                    if crossing.direction != direction {
+                        continue;
+                    }
+                    let at_s = crossing.time_s + clip.offset_s();
+                    let period = periods.partition_point(|p| p.from_s <= at_s).saturating_sub(1);
+                    let exists_p = vehicle.exists_p;
+                    let probability = exists_p * crossing.probability(0.0, 0.0);
+                    passages.push(Passage {
+                        clip,
+                        crossing,
+                        at_s,
+                        period,
+                        exists_p,
+                        probability,
+                        headway: None,
+                    });
+                }
+            }
+        }
+        passages.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+        self.add_headways(&mut passages);
+        passages
+    }
+
+    fn add_headways(&self, passages: &mut [Passage<'_>]) {
+        let mut last: Option<usize> = None;
+        for i in 0..passages.len() {
+            if !passages[i].counts() {
+                continue;
+            }
+            let leader = last.replace(i).map(|leader| &passages[leader]);
+            let (Some(leader), follower) = (leader, &passages[i]) else { continue };
+            let time = |p: &Passage<'_>, end: usize| p.crossing.ends_s[end] + p.clip.offset_s();
+            let (from, to) = (time(leader, 0), time(follower, 0));
+            let followed: f64 =
+                self.clips.iter().map(|c| c.clip.followed_s(from - c.offset_s(), to - c.offset_s())).sum();
+            // A vehicle may have passed in time that was not followed. A millisecond is the precision of times here.
+            if followed < to - from - 1e-3 {
+                continue;
+            }
+            let headway = Headway {
+                headway_s: to - from,
+                sd_s: leader.crossing.time_sd_s.hypot(follower.crossing.time_sd_s),
+                gap_s: to - time(leader, 1),
+            };
+            passages[i].headway = Some(headway);
+        }
+    }
+}
