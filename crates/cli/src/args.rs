@@ -7,6 +7,7 @@ pub mod export;
 pub mod pieces;
 pub mod site;
 pub mod stage;
+pub mod traffic;
 
 use std::ffi::OsString;
 use std::path::PathBuf;
@@ -39,6 +40,7 @@ const GROUPS: &[Group] = &[
     (
         "Results in other tools",
         &[
+            ("traffic", "roadplane traffic results/lot --gates gates.geojson --out counted"),
             ("export", "roadplane export results/lot --format mot,geojson --out exported"),
             ("copy", "roadplane copy results/lot --out scene"),
             ("schemas", "roadplane schemas tracks"),
@@ -84,6 +86,8 @@ pub enum Command {
     Plan(pieces::PlanArgs),
     /// Join the pieces of an input into the result of one run.
     Join(pieces::JoinArgs),
+    /// Count vehicles and measure speeds, headways, flows and queues in finished runs.
+    Traffic(traffic::TrafficArgs),
     /// Write a finished run in the formats of other tools.
     Export(export::ExportArgs),
     /// Turn a finished run into a scene for simulators.

@@ -36,6 +36,7 @@ fn main() -> ExitCode {
         Command::Cameras(args) => commands::cameras::cameras(args),
         Command::Plan(args) => commands::pieces::plan(args),
         Command::Join(args) => commands::pieces::join(args, &cancel),
+        Command::Traffic(args) => commands::traffic::traffic(args),
         Command::Export(args) => commands::export::export(args),
         Command::Copy(args) => commands::copy::copy(args, &cancel),
         Command::Schemas(args) => commands::schemas::schemas(args),

@@ -16,6 +16,7 @@
 //! estimation.rs  runs cameras/ and then tracks/ for a whole clip
 //! output/        writes the files of a result (finish.rs, track_rows.rs), its report and its video (draw.rs,
 //!                losses.rs)
+//! traffic/       tables of traffic from the tracks of finished runs
 //! commands/      one file per command
 //! other files    config.rs, options.rs, models.rs, identity.rs, limits.rs, progress.rs, cancel.rs, error.rs
 //! ```
@@ -35,6 +36,7 @@ mod output;
 mod progress;
 mod stream;
 mod tracks;
+mod traffic;
 
 pub use cameras::SceneView;
 pub use cameras::frame::PLANE_TERMS;
@@ -61,9 +63,11 @@ pub use models::{find_models, find_runtime};
 pub use options::{RunOptions, RunReport};
 pub use output::draw::render_run;
 pub use progress::{Progress, Silent};
+pub use roadplane_traffic::Units;
 pub use roadplane_write::{EvidenceStore, Existing, FolderLock, WriteError};
 pub use stream::nets::{Nets, open_activity, open_detector, open_keypoints};
 pub use stream::span::Span;
 pub use stream::streaming::open_input;
 pub use tracks::activities::{activity_file, track_motion};
 pub use tracks::usable;
+pub use traffic::{TrafficOptions, TrafficReport, traffic, write_traffic};

@@ -12,6 +12,7 @@
 //! - `clock.rs`: local time and periods
 //! - `site.rs`, `passages.rs`: the clips of a camera, periods, passages over a gate with headways
 //! - `figures.rs` (`gate_figures.rs`, `flows.rs`), `records.rs`: the tables of a camera, and their rows
+//! - `file.rs`: `traffic.json`
 //! - `normal.rs`: the normal distribution
 
 #![deny(missing_docs)]
@@ -20,6 +21,7 @@ mod clock;
 mod count;
 mod crossing;
 mod figures;
+mod file;
 mod flows;
 mod gate;
 mod gate_figures;
@@ -36,6 +38,7 @@ pub use clock::{Clock, ClockError, start_in_name};
 pub use count::count_interval;
 pub use crossing::{Crossing, crossings};
 pub use figures::Figures;
+pub use file::{TRAFFIC_SCHEMA, TrafficCamera, TrafficClip, TrafficFile, TrafficPlace, Units};
 pub use gate::{Direction, Gate, Zone};
 pub use records::{CountRow, CrossingRow, FlowRow, Group, HeadwayRow, HistogramRow, SpeedRow, ZoneRow};
 pub use site::{Site, SiteClip};

@@ -30,6 +30,11 @@ impl Passage<'_> {
         self.probability >= 0.5
     }
 
+    /// Returns the time at which the front is on the line, in the camera's time, s.
+    fn front_s(&self) -> f64 {
+        self.crossing.ends_s[0] + self.clip.offset_s()
+    }
+
     /// Returns the class of the vehicle.
     pub(crate) fn class(&self) -> VehicleClass {
         self.clip.clip.vehicles[self.crossing.vehicle].class
@@ -72,7 +77,8 @@ impl Site {
                 }
             }
         }
-        passages.sort_by(|a, b| a.at_s.total_cmp(&b.at_s));
+        // In several lanes, the front that reaches the line first need not belong to the centre that does.
+        passages.sort_by(|a, b| a.front_s().total_cmp(&b.front_s()));
         self.add_headways(&mut passages);
         passages
     }

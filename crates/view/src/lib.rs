@@ -20,6 +20,7 @@ mod labels;
 mod lines;
 mod overlay;
 mod report;
+mod traffic;
 mod video;
 mod warp;
 
@@ -32,5 +33,6 @@ pub use keypoint_sheet::{KeypointCase, keypoint_sheet};
 pub use lines::with_lines;
 pub use overlay::{DrawnCar, Overlay, horizon_y_px, track_colour};
 pub use report::{ReportInput, Still, TrackStill, report_html};
+pub use traffic::traffic_html;
 pub use video::VideoSink;
 pub use warp::warped;

@@ -12,5 +12,7 @@ mod player;
 mod thin;
 mod tracks;
 
+pub(crate) use html::{escape, put};
 pub use input::{ReportInput, Still, TrackStill};
+pub(crate) use page::STYLE;
 pub use page::report_html;

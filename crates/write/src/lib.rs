@@ -9,7 +9,7 @@
 //!   `schema.rs`
 //! - files of a result: `tracks.rs` (`parquet.rs`), `jsonl.rs` (poses, frames), `camera.rs`, `summary.rs` (`speed.rs`),
 //!   `evidence.rs`
-//! - files of the user: `constraints.rs`, `table.rs`
+//! - files of the user: `constraints.rs`, `table.rs`, `track_samples.rs` (any table with tracks)
 
 #![deny(missing_docs)]
 
@@ -28,6 +28,7 @@ mod speed;
 mod spool;
 mod summary;
 mod table;
+mod track_samples;
 mod tracks;
 
 pub use camera::{
@@ -50,4 +51,5 @@ pub use summary::{
     SceneLinesSummary, StageSeconds, Summary, WatchInterval, WatchSummary, read_summary, write_summary,
 };
 pub use table::{TableFormat, TableRow, read_table, write_table};
+pub use track_samples::{TrackSample, read_track_samples};
 pub use tracks::{TrackCsv, TrackFiles};

@@ -1,6 +1,6 @@
 //! `roadplane copy`: turns a finished run into a scene for simulators.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use roadplane_base::{ShapeAtlas, TrackRow};
 use roadplane_copy::{Colours, Scene, write_scene};
@@ -8,6 +8,7 @@ use roadplane_export::Run;
 use roadplane_pipeline::{Cancel, Existing, FolderLock, PipelineError, track_colours};
 use roadplane_write::{OutputFolder, WriteError, read_summary};
 
+use super::split;
 use crate::args::copy::CopyArgs;
 use roadplane_terminal::{Bar, Outcome};
 
@@ -43,14 +44,6 @@ pub fn copy(args: &CopyArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         written.display()
     );
     Ok(Outcome::Done)
-}
-
-/// Splits the output folder into its parent and its name.
-fn split(out: &Path) -> Result<(PathBuf, String), PipelineError> {
-    let name = out.file_name().and_then(|name| name.to_str());
-    let name = name.ok_or_else(|| PipelineError::usage("--out must name a folder"))?;
-    let parent = out.parent().filter(|parent| !parent.as_os_str().is_empty());
-    Ok((parent.unwrap_or_else(|| Path::new(".")).to_path_buf(), name.to_owned()))
 }
 
 fn colours(args: &CopyArgs, run: &Run, cancel: &Cancel) -> anyhow::Result<Colours> {

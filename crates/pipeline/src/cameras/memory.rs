@@ -44,7 +44,7 @@ pub struct CameraDatabase {
 ///
 /// It is a name, or a pattern of file names in which `{}` is the name and `*` matches any text.
 #[derive(Clone, Debug)]
-struct CameraId {
+pub(crate) struct CameraId {
     /// The rule as the user wrote it.
     text: String,
     /// The compiled pattern; `None` for a plain name.
@@ -53,7 +53,7 @@ struct CameraId {
 
 impl CameraId {
     /// Parses the rule; a usage error if it is not valid.
-    fn new(text: &str) -> Result<Self, PipelineError> {
+    pub(crate) fn new(text: &str) -> Result<Self, PipelineError> {
         if !text.contains("{}") {
             return if is_camera_id(text) {
                 Ok(Self { text: text.to_owned(), pattern: None })
@@ -74,7 +74,7 @@ impl CameraId {
     }
 
     /// Returns the camera of an input; a usage error if the name does not match.
-    fn of(&self, input: &Path) -> Result<String, PipelineError> {
+    pub(crate) fn of(&self, input: &Path) -> Result<String, PipelineError> {
         let Some(pattern) = &self.pattern else { return Ok(self.text.clone()) };
         let stem = stem_of(input);
         let id = pattern.captures(&stem).and_then(|found| Some(found.get(1)?.as_str().to_owned()));

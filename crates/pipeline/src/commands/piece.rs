@@ -10,6 +10,7 @@ use std::path::{Path, PathBuf};
 use image::RgbImage;
 use image::codecs::jpeg::JpegEncoder;
 use roadplane_decode::{DecodeReport, InputKind};
+use roadplane_traffic::{TRAFFIC_SCHEMA, TrafficFile};
 use roadplane_view::ViewError;
 use roadplane_write::{InputSummary, ModelSummary, OutFile, StageSeconds, schema, write_json};
 use schemars::JsonSchema;
@@ -57,12 +58,13 @@ pub struct PlannedPiece {
 }
 
 /// Returns the name and the JSON schema of every kind of file. These are the files of a result, `piece` for
-/// `piece.json`, and `plan` for the lines that `roadplane plan` prints.
+/// `piece.json`, `plan` for the lines that `roadplane plan` prints, and `traffic` for `traffic.json`.
 #[must_use]
 pub fn schemas() -> Vec<(&'static str, Value)> {
     let mut all = roadplane_write::schemas();
     all.push(("piece", schema::<PieceFile>(PIECE_SCHEMA)));
     all.push(("plan", schema::<PlannedPiece>(PLAN_SCHEMA)));
+    all.push(("traffic", schema::<TrafficFile>(TRAFFIC_SCHEMA)));
     all
 }
 

@@ -8,8 +8,8 @@ use crate::ViewError;
 use crate::birds_eye::birds_eye;
 use crate::histogram::histogram;
 
-/// Style sheet of the page.
-const STYLE: &str = include_str!("page.css");
+/// Style sheet of the pages.
+pub(crate) const STYLE: &str = include_str!("page.css");
 
 /// Returns the report as HTML text.
 ///

@@ -1,0 +1,49 @@
+//! `roadplane traffic`: tables of traffic from finished runs.
+
+use roadplane_pipeline::{
+    Existing, FolderLock, PipelineError, TrafficOptions, Units, traffic as figures, write_traffic,
+};
+use roadplane_terminal::Outcome;
+use roadplane_write::OutputFolder;
+
+use super::split;
+use crate::args::traffic::{SpeedUnits, TrafficArgs};
+
+/// Reads the runs, and writes the tables.
+pub fn traffic(args: &TrafficArgs) -> anyhow::Result<Outcome> {
+    let units = match args.units {
+        SpeedUnits::Kmh => Units::Kmh,
+        SpeedUnits::Mph => Units::Mph,
+    };
+    let options = TrafficOptions {
+        gates: args.gates.clone(),
+        every: args.every.clone(),
+        time_zone: args.time_zone.clone(),
+        start: args.start.clone(),
+        camera_id: args.camera_id.clone(),
+        units,
+    };
+    let report = figures(&args.runs, &options)?;
+    for warning in &report.file.warnings {
+        tracing::warn!("{warning}");
+    }
+    let (parent, name) = split(&args.out)?;
+    let existing = if args.overwrite { Existing::Overwrite } else { Existing::Refuse };
+    let _lock = FolderLock::acquire(&parent).map_err(PipelineError::from)?;
+    let mut folder = OutputFolder::begin(&parent, &name, existing).map_err(PipelineError::from)?;
+    if folder.is_resumed() {
+        folder.reset().map_err(PipelineError::from)?;
+    }
+    let written = match write_traffic(&report, folder.path(), units) {
+        Ok(()) => folder.publish().map_err(PipelineError::from),
+        Err(error) => folder.discard().map_err(PipelineError::from).and(Err(error)),
+    };
+    let written = written?;
+    let vehicles: u64 = report.file.cameras.iter().flat_map(|c| &c.clips).map(|clip| clip.vehicles).sum();
+    tracing::info!(
+        "{vehicles} vehicles, {} crossings: {}",
+        report.figures.crossings.len(),
+        written.display()
+    );
+    Ok(Outcome::Done)
+}

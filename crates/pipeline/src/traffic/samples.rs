@@ -1,0 +1,144 @@
+//! Samples of a table → vehicles with states.
+
+use std::collections::BTreeMap;
+
+use nalgebra::Vector2;
+use roadplane_base::{GroundPose, VehicleClass};
+use roadplane_traffic::{State, Vehicle};
+use roadplane_write::TrackSample;
+
+use super::world::World;
+
+/// Shortest time between two states of a vehicle, s. More states change no figure, but need memory.
+const LEAST_STEP_S: f64 = 0.095;
+/// Time between two computations of the scale's sd along a path, s.
+const SCALE_STEP_S: f64 = 1.0;
+
+/// Vehicles in the making, by segment and track.
+#[derive(Default)]
+pub(super) struct Vehicles {
+    tracks: BTreeMap<(usize, u64), Track>,
+    /// Whether every sample has sds.
+    pub(super) lack_sds: bool,
+    /// Times of the first and the last sample, s.
+    pub(super) span_s: Option<[f64; 2]>,
+    /// Local time of the clip's time 0, s.
+    pub(super) start_local_s: Option<f64>,
+}
+
+struct Track {
+    vehicle: Vehicle,
+    /// Distance from the vehicle's origin forward to the centre of its body, m.
+    centre_m: f64,
+    has_motion: bool,
+    scale_at_s: f64,
+    last: TrackSample,
+}
+
+/// Typical length and width of a class, m, for tables without sizes. Source: means of the prior of each class in `base`
+/// and `track`, rounded.
+fn typical_size(class: VehicleClass) -> [f64; 2] {
+    match class {
+        VehicleClass::Car => [4.5, 1.8],
+        VehicleClass::Truck => [9.0, 2.5],
+        VehicleClass::Bus => [12.0, 2.5],
+        VehicleClass::Motorcycle => [2.2, 0.8],
+    }
+}
+
+impl Vehicles {
+    /// Adds a sample. `centre_m` is the distance from a car's origin forward to the centre of its body, m.
+    pub(super) fn add(&mut self, sample: &TrackSample, world: Option<&World>, centre_m: f64) {
+        let [from, to] = self.span_s.get_or_insert([sample.time_s; 2]);
+        *from = from.min(sample.time_s);
+        *to = to.max(sample.time_s);
+        if let Some(moment_s) = sample.moment_s {
+            self.start_local_s.get_or_insert(moment_s - sample.time_s);
+        }
+        self.lack_sds |= sample.own_sd_m.or(sample.sd_m).is_none();
+        let class = sample.class.unwrap_or_default();
+        let track = self.tracks.entry((sample.segment, sample.track)).or_insert_with(|| {
+            let [length_m, width_m] = sample.size_m.unwrap_or_else(|| typical_size(class));
+            Track {
+                vehicle: Vehicle {
+                    track: sample.track,
+                    class,
+                    length_m,
+                    width_m,
+                    exists_p: 1.0,
+                    states: Vec::new(),
+                },
+                centre_m: if class == VehicleClass::Car { centre_m } else { 0.0 },
+                has_motion: sample.heading_rad.is_some() && sample.speed_mps.is_some(),
+                scale_at_s: f64::NEG_INFINITY,
+                last: *sample,
+            }
+        });
+        let step = track.vehicle.states.last().map_or(f64::INFINITY, |last| sample.time_s - last.time_s);
+        track.last = *sample;
+        if step >= LEAST_STEP_S {
+            track.push(sample, world);
+        }
+    }
+
+    /// Returns the vehicles of each segment, sorted by track.
+    pub(super) fn finish(self, worlds: &[Option<World>]) -> BTreeMap<usize, Vec<Vehicle>> {
+        let mut by_segment: BTreeMap<usize, Vec<Vehicle>> = BTreeMap::new();
+        for ((segment, _), mut track) in self.tracks {
+            let last = track.last;
+            if track.vehicle.states.last().is_some_and(|state| state.time_s < last.time_s) {
+                track.push(&last, worlds.get(segment).and_then(Option::as_ref));
+            }
+            if !track.has_motion {
+                add_motion(&mut track.vehicle.states);
+            }
+            track.vehicle.states.shrink_to_fit();
+            by_segment.entry(segment).or_default().push(track.vehicle);
+        }
+        by_segment
+    }
+}
+
+impl Track {
+    fn push(&mut self, sample: &TrackSample, world: Option<&World>) {
+        let heading = sample.heading_rad.unwrap_or(0.0);
+        let (sin, cos) = heading.sin_cos();
+        let [x, y] = sample.position_m;
+        let speed = sample.speed_mps.unwrap_or(0.0);
+        let states = &mut self.vehicle.states;
+        let scale_sd = if sample.time_s - self.scale_at_s >= SCALE_STEP_S {
+            self.scale_at_s = sample.time_s;
+            let pose = GroundPose { x_m: x, y_m: y, heading_rad: heading };
+            world.map_or(0.0, |world| world.scale_sd(&pose)) as f32
+        } else {
+            states.last().map_or(0.0, |last| last.scale_sd)
+        };
+        let shared = speed * f64::from(scale_sd);
+        let own = |sd: f64| (sd * sd - shared * shared).max(0.0).sqrt() as f32;
+        states.push(State {
+            time_s: sample.time_s,
+            x_m: x + self.centre_m * cos,
+            y_m: y + self.centre_m * sin,
+            heading_rad: heading as f32,
+            speed_mps: speed as f32,
+            own_sd_m: sample.own_sd_m.or(sample.sd_m).unwrap_or_default().map(|sd| sd as f32),
+            own_speed_sd_mps: sample.speed_sd_mps.map_or(0.0, own),
+            scale_sd,
+        });
+    }
+}
+
+/// Computes headings and speeds from positions. A vehicle that does not move keeps its last heading.
+fn add_motion(states: &mut [State]) {
+    let mut heading = 0.0_f32;
+    for i in 0..states.len() {
+        let (a, b) = (states[i.saturating_sub(1)], states[(i + 1).min(states.len() - 1)]);
+        let step = Vector2::new(b.x_m - a.x_m, b.y_m - a.y_m);
+        let time_s = b.time_s - a.time_s;
+        if step.norm() > 0.0 && time_s > 0.0 {
+            heading = step.y.atan2(step.x) as f32;
+            states[i].speed_mps = (step.norm() / time_s) as f32;
+        }
+        states[i].heading_rad = heading;
+    }
+}

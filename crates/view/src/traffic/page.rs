@@ -1,0 +1,238 @@
+//! Assembly of the page from its sections.
+
+use roadplane_traffic::{Direction, Group, Site, TrafficFile, Units};
+
+use super::charts::{Bar, bars};
+use super::plan::{heat_map, plan};
+use super::time_space::time_space;
+use crate::report::{STYLE, escape, put};
+
+/// Number of sds on either side of a value in its interval of 95 %.
+const SDS_95: f64 = 1.96;
+
+/// Returns the page as HTML text. `sites` are the cameras of the file.
+#[must_use]
+pub fn traffic_html(file: &TrafficFile, sites: &[Site]) -> String {
+    let mut page = format!(
+        "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
+         <title>Traffic · roadplane</title>\n<style>\n{STYLE}\nsvg{{max-width:100%;height:auto}}</style>\n<main>\n<h1>Traffic</h1>\n"
+    );
+    for warning in &file.warnings {
+        put(&mut page, format_args!("<p class=\"warning\">{}</p>\n", escape(warning)));
+    }
+    put(
+        &mut page,
+        format_args!(
+            "<p class=\"hint\">Periods of {}, local time of {}. ± and intervals hold 95 % of the error of \
+             measurement. A grey bar is time in which no vehicle could be followed.</p>\n",
+            escape(&file.every),
+            escape(&file.time_zone)
+        ),
+    );
+    for site in sites {
+        camera(&mut page, file, site);
+    }
+    page.push_str("</main></html>\n");
+    page
+}
+
+fn camera(page: &mut String, file: &TrafficFile, site: &Site) {
+    put(page, format_args!("<h2>{}</h2>\n", escape(&site.name)));
+    let Some(described) = file.cameras.iter().find(|camera| camera.name == site.name) else { return };
+    let sum = |f: &dyn Fn(&roadplane_traffic::TrafficClip) -> f64| described.clips.iter().map(f).sum::<f64>();
+    put(
+        page,
+        format_args!(
+            "<p>{} clips, {:.1} min in which vehicles were followed, {:.1} min in which they were not; {} vehicles.</p>\n",
+            described.clips.len(),
+            sum(&|clip| clip.followed_s) / 60.0,
+            sum(&|clip| clip.not_followed_s) / 60.0,
+            sum(&|clip| clip.vehicles as f64)
+        ),
+    );
+    for (svg, caption) in [
+        (plan(site, file), "Gates and zones from above. An arrow is as wide as its number of vehicles."),
+        (
+            heat_map(site),
+            "Time that vehicles spend on each square metre, from blue (short) to red (long), logarithmic.",
+        ),
+    ] {
+        if let Some(svg) = svg {
+            put(page, format_args!("<figure>{svg}<figcaption>{caption}</figcaption></figure>\n"));
+        }
+    }
+    let gates = site.clips.first().map_or(&[][..], |clip| &clip.gates);
+    for (index, gate) in gates.iter().enumerate() {
+        for direction in Direction::ALL {
+            gate_section(page, file, site, index, &gate.name, direction);
+        }
+    }
+    flows(page, file, site);
+    zones(page, file, site);
+}
+
+fn is_here(group: &Group, site: &Site, place: &str, direction: &str) -> bool {
+    group.camera == site.name && group.place == place && group.direction == direction && group.class == "all"
+}
+
+/// The time of day in a label such as `2026-01-31T22:00:00+01:00`; another label stays whole.
+fn time_of_day(label: &str) -> &str {
+    label.split_once('T').and_then(|(_, time)| time.get(..5)).unwrap_or(label)
+}
+
+fn gate_section(
+    page: &mut String,
+    file: &TrafficFile,
+    site: &Site,
+    index: usize,
+    place: &str,
+    direction: Direction,
+) {
+    let here = |group: &Group| is_here(group, site, place, direction.name());
+    let counts: Vec<_> = file.counts.iter().filter(|row| here(&row.group)).collect();
+    let total: u64 = counts.iter().filter_map(|row| row.vehicles).sum();
+    if total == 0 {
+        return;
+    }
+    put(page, format_args!("<h3>{}, {}: {total} vehicles</h3>\n", escape(place), direction.name()));
+    if counts.len() > 1 {
+        let bar = |row: &&roadplane_traffic::CountRow| Bar {
+            label: time_of_day(&row.group.from).to_owned(),
+            value: row.vehicles.map(|n| n as f64),
+            interval: row.vehicles_low.zip(row.vehicles_high).map(|(low, high)| [low as f64, high as f64]),
+        };
+        page.push_str(&bars("vehicles by period", &counts.iter().map(bar).collect::<Vec<_>>()));
+    }
+    let (unit, factor) = match file.units {
+        Units::Kmh => ("km/h", 1.0),
+        Units::Mph => ("mph", 1.0 / 1.609_344),
+    };
+    page.push_str("<div class=\"scroll\"><table><thead><tr><th>from</th><th>vehicles</th><th>per hour</th>");
+    put(
+        page,
+        format_args!(
+            "<th>mean {unit}</th><th>V15</th><th>V50</th><th>V85</th><th>headway s</th></tr></thead>\n"
+        ),
+    );
+    for row in &counts {
+        let same = |group: &Group| here(group) && group.from == row.group.from;
+        let speeds = file.speeds.iter().find(|speeds| same(&speeds.group));
+        let headways = file.headways.iter().find(|headways| same(&headways.group));
+        let range = match (row.vehicles_low, row.vehicles_high) {
+            (Some(low), Some(high)) if low < high => format!(" ({low}–{high})"),
+            _ => String::new(),
+        };
+        put(
+            page,
+            format_args!(
+                "<tr><td>{}</td><td>{}{range}</td><td>{}</td>",
+                escape(time_of_day(&row.group.from)),
+                row.vehicles.map_or_else(|| "no data".to_owned(), |n| n.to_string()),
+                row.flow_per_h.map_or_else(String::new, |flow| format!("{flow:.0}")),
+            ),
+        );
+        let speed = |value: f64, sd: Option<f64>| {
+            let sd = sd.map_or_else(String::new, |sd| format!(" ± {:.1}", SDS_95 * sd * factor));
+            format!("<td>{:.1}{sd}</td>", value * factor)
+        };
+        match speeds {
+            Some(s) => {
+                for (value, sd) in [
+                    (s.mean_kmh, s.mean_sd_kmh),
+                    (s.v15_kmh, s.v15_sd_kmh),
+                    (s.v50_kmh, s.v50_sd_kmh),
+                    (s.v85_kmh, s.v85_sd_kmh),
+                ] {
+                    page.push_str(&speed(value, sd));
+                }
+            }
+            None => page.push_str("<td></td><td></td><td></td><td></td>"),
+        }
+        let headway = headways.map_or_else(String::new, |h| format!("{:.1}", h.headway_mean_s));
+        put(page, format_args!("<td>{headway}</td></tr>\n"));
+    }
+    page.push_str("</table></div>\n");
+    histogram(page, file, &here, unit, factor);
+    if let Some(svg) = time_space(site, index, direction) {
+        let caption = "Distance from the gate over time, one line per vehicle. The dashed line is the gate.";
+        put(page, format_args!("<figure>{svg}<figcaption>{caption}</figcaption></figure>\n"));
+    }
+}
+
+/// Appends the histogram of speeds over all periods.
+fn histogram(page: &mut String, file: &TrafficFile, here: &dyn Fn(&Group) -> bool, unit: &str, factor: f64) {
+    let rows: Vec<_> = file.speed_histogram.iter().filter(|row| here(&row.group)).collect();
+    let most = rows.iter().map(|row| row.below_kmh).fold(0.0, f64::max);
+    let Some(width) = rows.first().map(|row| row.below_kmh - row.least_kmh) else { return };
+    let bar = |bin: usize| {
+        let least = bin as f64 * width;
+        let number: u64 = rows.iter().filter(|r| r.least_kmh == least).map(|r| r.vehicles).sum();
+        Bar { label: format!("{:.0}", least * factor), value: Some(number as f64), interval: None }
+    };
+    let bins = (most / width).round() as usize;
+    let svg = bars("vehicles by speed", &(0..bins).map(bar).collect::<Vec<_>>());
+    put(page, format_args!("<figure>{svg}<figcaption>Vehicles by speed, {unit}</figcaption></figure>\n"));
+}
+
+fn flows(page: &mut String, file: &TrafficFile, site: &Site) {
+    let mut sums = std::collections::BTreeMap::<[&str; 4], u64>::new();
+    for row in file.flows.iter().filter(|r| r.group.camera == site.name && r.group.class == "all") {
+        let key: [&str; 4] = [&row.group.place, &row.group.direction, &row.to_place, &row.to_direction];
+        *sums.entry(key).or_default() += row.vehicles;
+    }
+    if sums.is_empty() {
+        return;
+    }
+    page.push_str("<h3>From gate to gate</h3>\n<div class=\"scroll\"><table><thead><tr><th>from</th><th>to</th><th>vehicles</th></tr></thead>\n");
+    for ([from, from_direction, to, to_direction], vehicles) in sums {
+        let to = if [from, from_direction] == [to, to_direction] {
+            "no other gate".to_owned()
+        } else {
+            format!("{}, {to_direction}", escape(to))
+        };
+        put(
+            page,
+            format_args!(
+                "<tr><td class=\"words\">{}, {from_direction}</td><td class=\"words\">{to}</td><td>{vehicles}</td></tr>\n",
+                escape(from)
+            ),
+        );
+    }
+    page.push_str("</table></div>\n");
+}
+
+fn zones(page: &mut String, file: &TrafficFile, site: &Site) {
+    let rows: Vec<_> =
+        file.zones.iter().filter(|r| r.group.camera == site.name && r.group.class == "all").collect();
+    if rows.is_empty() {
+        return;
+    }
+    page.push_str(
+        "<h3>Zones</h3>\n<div class=\"scroll\"><table><thead><tr><th>zone</th><th>from</th><th>entered</th><th>time s</th>\
+         <th>stationary s</th><th>delay s</th><th>occupancy</th><th>vehicles, mean</th><th>most</th><th>per km</th>\
+         <th>queue, most</th><th>queue m</th></tr></thead>\n",
+    );
+    for row in rows {
+        let number = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.1}"));
+        put(
+            page,
+            format_args!(
+                "<tr><td class=\"words\">{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td>\
+                 <td>{}</td><td>{}</td><td>{}</td><td>{:.0}</td></tr>\n",
+                escape(&row.group.place),
+                escape(time_of_day(&row.group.from)),
+                row.entered,
+                number(row.time_mean_s),
+                number(row.stationary_mean_s),
+                number(row.delay_mean_s),
+                row.occupancy.map_or_else(String::new, |share| format!("{:.0} %", share * 100.0)),
+                number(row.vehicles_mean),
+                row.vehicles_max,
+                number(row.density_per_km),
+                row.queue_max_vehicles,
+                row.queue_max_m
+            ),
+        );
+    }
+    page.push_str("</table></div>\n");
+}

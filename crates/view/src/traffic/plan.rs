@@ -1,0 +1,204 @@
+//! Plans from above: paths, gates and zones with the volumes of traffic; and a heat map of the time that vehicles spend.
+
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+use nalgebra::Vector2;
+use roadplane_traffic::{Site, TrafficFile, Vehicle};
+
+use crate::report::escape;
+
+/// Largest width and height of a plan, px.
+const MOST_PX: [f64; 2] = [1080.0, 560.0];
+/// Margin around the paths, m.
+const MARGIN_M: f64 = 3.0;
+/// Largest number of paths in a plan.
+const MOST_PATHS: usize = 300;
+/// Width of the arrow of the largest flow, px.
+const WIDEST_PX: f64 = 18.0;
+/// Size of a cell of the heat map, m.
+const CELL_M: f64 = 1.0;
+
+/// Transform from the ground to the sheet. The longer side of the ground is horizontal.
+struct Sheet {
+    corner: Vector2<f64>,
+    px_per_m: f64,
+    size_px: [f64; 2],
+    turned: bool,
+}
+
+impl Sheet {
+    /// Returns the sheet that shows the central part of the paths: 1 % of the points on each side may lie outside.
+    fn of(site: &Site) -> Option<Self> {
+        let (mut xs, mut ys): (Vec<f64>, Vec<f64>) =
+            vehicles(site).flat_map(|v| &v.states).step_by(7).map(|s| (s.x_m, s.y_m)).unzip();
+        let range = |values: &mut Vec<f64>| {
+            values.sort_by(f64::total_cmp);
+            let skipped = values.len() / 100;
+            Some([values.get(skipped)? - MARGIN_M, values.get(values.len() - 1 - skipped)? + MARGIN_M])
+        };
+        let ([left, right], [bottom, top]) = (range(&mut xs)?, range(&mut ys)?);
+        let (width, height) = (right - left, top - bottom);
+        let turned = height > width;
+        let (along, across) = if turned { (height, width) } else { (width, height) };
+        let px_per_m = (MOST_PX[0] / along).min(MOST_PX[1] / across);
+        let corner = Vector2::new(left, if turned { bottom } else { top });
+        Some(Self { corner, px_per_m, size_px: [along * px_per_m, across * px_per_m], turned })
+    }
+
+    fn place(&self, x_m: f64, y_m: f64) -> [f64; 2] {
+        let (dx, dy) = ((x_m - self.corner.x) * self.px_per_m, (y_m - self.corner.y) * self.px_per_m);
+        // Turned, the viewing direction points to the right, and the right side of the world points down.
+        if self.turned { [dy, dx] } else { [dx, -dy] }
+    }
+
+    fn points(&self, points: impl Iterator<Item = [f64; 2]>) -> String {
+        let mut text = String::new();
+        for [x_m, y_m] in points {
+            let [x, y] = self.place(x_m, y_m);
+            let _infallible = write!(text, "{x:.1},{y:.1} ");
+        }
+        text
+    }
+
+    fn begin(&self, name: &str) -> String {
+        let [width, height] = self.size_px;
+        let mut svg = format!(
+            "<svg viewBox=\"0 0 {width:.0} {height:.0}\" width=\"{width:.0}\" role=\"img\" aria-label=\"{name}\" font-size=\"13\">\
+             <rect width=\"{width:.0}\" height=\"{height:.0}\" fill=\"var(--card)\"/>"
+        );
+        let bar_m =
+            [50.0, 20.0, 10.0, 5.0].into_iter().find(|m| m * self.px_per_m < width / 4.0).unwrap_or(5.0);
+        let (x, y) = (10.0, height - 10.0);
+        let _infallible = write!(
+            svg,
+            "<path d=\"M{x} {y:.0}h{:.1}\" stroke=\"var(--ink)\" stroke-width=\"2\"/>\
+             <text x=\"{x}\" y=\"{:.0}\" fill=\"var(--ink)\">{bar_m} m</text>",
+            bar_m * self.px_per_m,
+            y - 6.0
+        );
+        svg
+    }
+}
+
+fn vehicles(site: &Site) -> impl Iterator<Item = &Vehicle> {
+    site.clips.iter().flat_map(|clip| &clip.clip.vehicles)
+}
+
+/// Returns the plan with paths, gates, zones and volumes.
+pub(super) fn plan(site: &Site, file: &TrafficFile) -> Option<String> {
+    let sheet = Sheet::of(site)?;
+    let mut svg = sheet.begin("gates and volumes from above");
+    let mut put = |text: std::fmt::Arguments<'_>| {
+        let _infallible = svg.write_fmt(text);
+    };
+    let every = vehicles(site).count().div_ceil(MOST_PATHS).max(1);
+    for vehicle in vehicles(site).step_by(every) {
+        let states = vehicle.states.iter().step_by(3).chain(vehicle.states.last());
+        let points = sheet.points(states.map(|s| [s.x_m, s.y_m]));
+        put(format_args!(
+            "<polyline points=\"{points}\" fill=\"none\" stroke=\"var(--soft)\" stroke-opacity=\".35\"/>"
+        ));
+    }
+    let camera = file.cameras.iter().find(|camera| camera.name == site.name)?;
+    let volumes = volumes(site, file);
+    let most = volumes.values().copied().max().unwrap_or(0).max(1) as f64;
+    for place in &camera.places {
+        let points = sheet.points(place.points_m.iter().copied());
+        let (name, colour) = (escape(&place.name), if place.is_zone { "#2f9e62" } else { "#d9480f" });
+        let shape = if place.is_zone { "polygon" } else { "polyline" };
+        put(format_args!(
+            "<{shape} points=\"{points}\" fill=\"{}\" fill-opacity=\".15\" stroke=\"{colour}\" stroke-width=\"2.5\"/>",
+            if place.is_zone { colour } else { "none" }
+        ));
+        let Some([x, y]) = place.points_m.first().map(|[x, y]| sheet.place(*x, *y)) else { continue };
+        put(format_args!("<text x=\"{x:.1}\" y=\"{:.1}\" fill=\"{colour}\">{name}</text>", y - 6.0));
+        if place.is_zone {
+            continue;
+        }
+        for (direction, sign) in [("forward", 1.0), ("backward", -1.0)] {
+            let Some(&volume) = volumes.get(&(place.name.as_str(), direction)).filter(|n| **n > 0) else {
+                continue;
+            };
+            let (from, to, text) = arrow(&sheet, &place.points_m, sign);
+            let width = (volume as f64 / most * WIDEST_PX).max(2.0);
+            put(format_args!(
+                "<path d=\"M{:.1} {:.1}L{:.1} {:.1}\" stroke=\"#d9480f\" stroke-opacity=\".6\" stroke-width=\"{width:.1}\"/>\
+                 <circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"{:.1}\" fill=\"#d9480f\"/>\
+                 <text x=\"{:.1}\" y=\"{:.1}\" fill=\"var(--ink)\" font-weight=\"600\" text-anchor=\"middle\">{volume}</text>",
+                from[0],
+                from[1],
+                to[0],
+                to[1],
+                to[0],
+                to[1],
+                width / 2.0 + 3.0,
+                text[0],
+                text[1]
+            ));
+        }
+    }
+    svg.push_str("</svg>\n");
+    Some(svg)
+}
+
+/// Returns begin and end of a gate's arrow and the place of its number, px. The arrow points to the side to which the
+/// vehicles drive; `sign` is 1 for forward, which is to the right of the line.
+fn arrow(sheet: &Sheet, line: &[[f64; 2]], sign: f64) -> ([f64; 2], [f64; 2], [f64; 2]) {
+    let [a, b] = [line[0], line[line.len() - 1]].map(Vector2::from);
+    let along = (b - a).try_normalize(0.0).unwrap_or_default();
+    let right = Vector2::new(along.y, -along.x) * sign;
+    // The arrows of the two directions lie side by side.
+    let share = if sign > 0.0 { 0.35 } else { 0.65 };
+    let middle = a + (b - a) * share;
+    let length_m = 28.0 / sheet.px_per_m;
+    let place = |p: Vector2<f64>| sheet.place(p.x, p.y);
+    (
+        place(middle - right * length_m * 0.4),
+        place(middle + right * length_m),
+        place(middle + right * length_m * 1.7),
+    )
+}
+
+/// Number of vehicles over all periods, by gate and direction.
+fn volumes<'a>(site: &Site, file: &'a TrafficFile) -> BTreeMap<(&'a str, &'a str), u64> {
+    let mut volumes = BTreeMap::new();
+    for row in file.counts.iter().filter(|row| row.group.camera == site.name && row.group.class == "all") {
+        *volumes.entry((row.group.place.as_str(), row.group.direction.as_str())).or_default() +=
+            row.vehicles.unwrap_or(0);
+    }
+    volumes
+}
+
+/// Returns the heat map: the time that vehicles spend in each cell of the ground.
+pub(super) fn heat_map(site: &Site) -> Option<String> {
+    let sheet = Sheet::of(site)?;
+    let mut cells: BTreeMap<(i64, i64), f64> = BTreeMap::new();
+    for (a, b) in vehicles(site).flat_map(Vehicle::steps) {
+        let cell = |v: f64| (v / CELL_M).floor() as i64;
+        *cells.entry((cell((a.x_m + b.x_m) / 2.0), cell((a.y_m + b.y_m) / 2.0))).or_default() +=
+            b.time_s - a.time_s;
+    }
+    let mut times: Vec<f64> = cells.values().copied().collect();
+    times.sort_by(f64::total_cmp);
+    // One parked vehicle must not hide the traffic, so the scale is logarithmic.
+    let (least, most) = (times.first()?.ln(), times.last()?.ln());
+    let mut svg = sheet.begin("time that vehicles spend on each square metre");
+    let side = CELL_M * sheet.px_per_m;
+    for ((i, j), time_s) in cells {
+        let share = if most > least { (time_s.ln() - least) / (most - least) } else { 1.0 };
+        let [x, y] = sheet.place((i as f64 + 0.5) * CELL_M, (j as f64 + 0.5) * CELL_M);
+        if !(0.0..sheet.size_px[0]).contains(&x) || !(0.0..sheet.size_px[1]).contains(&y) {
+            continue;
+        }
+        let hue = 240.0 * (1.0 - share);
+        let _infallible = write!(
+            svg,
+            "<rect x=\"{:.1}\" y=\"{:.1}\" width=\"{side:.1}\" height=\"{side:.1}\" fill=\"hsl({hue:.0} 85% 50%)\" fill-opacity=\".8\"/>",
+            x - side / 2.0,
+            y - side / 2.0
+        );
+    }
+    svg.push_str("</svg>\n");
+    Some(svg)
+}
