@@ -12,6 +12,7 @@ use roadplane_infer::ProviderChoice;
 use roadplane_keypoints::KeypointOptions;
 use roadplane_solve::{CameraPrior, OutlierModel, SceneOptions, ViewErrors};
 use roadplane_track::TrackOptions;
+use roadplane_traffic::Units;
 use serde::de::Error as _;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest as _, Sha256};
@@ -46,6 +47,8 @@ pub struct Config {
     pub track: TrackOptions,
     /// Whether the activities of tracks are labelled.
     pub activity: ActivityConfig,
+    /// Tables of traffic.
+    pub traffic: TrafficConfig,
     /// How much memory the pipeline uses for frames.
     pub pipeline: PipelineConfig,
     /// Content of the report.
@@ -125,6 +128,35 @@ pub struct ActivityConfig {
 impl Default for ActivityConfig {
     fn default() -> Self {
         Self { enabled: true }
+    }
+}
+
+/// `[traffic]`: tables of traffic.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TrafficConfig {
+    /// Whether a run writes tables of traffic.
+    pub enabled: bool,
+    /// File with gates and zones. Without it, the roads that lead out of the picture are the gates.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub gates: Option<PathBuf>,
+    /// Length of the periods, such as `15min`.
+    pub every: String,
+    /// Name of the time zone of dates in the names of clips.
+    pub time_zone: String,
+    /// Units of speeds.
+    pub units: Units,
+}
+
+impl Default for TrafficConfig {
+    fn default() -> Self {
+        Self {
+            enabled: true,
+            gates: None,
+            every: "15min".to_owned(),
+            time_zone: "UTC".to_owned(),
+            units: Units::Kmh,
+        }
     }
 }
 

@@ -16,30 +16,27 @@ use std::collections::BTreeMap;
 use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
-use roadplane_traffic::{Clock, Figures, Site, SiteClip, TRAFFIC_SCHEMA, TrafficCamera, TrafficFile, Units};
+use roadplane_traffic::{
+    Clock, ClockError, Figures, Site, SiteClip, TRAFFIC_SCHEMA, TrafficCamera, TrafficFile, Units, find_scene,
+};
 
-use roadplane_write::OutFile;
+use roadplane_write::{OutFile, Summary};
 
 use crate::PipelineError;
 use crate::cameras::memory::CameraId;
+use crate::config::TrafficConfig;
 use gates_file::GatesFile;
-use read_runs::{RunClip, read_input};
+use read_runs::{RunClip, read_input, read_run};
 
 /// Options of the command.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct TrafficOptions {
-    /// File with gates and zones.
-    pub gates: Option<PathBuf>,
-    /// Length of the periods, such as `15min`.
-    pub every: String,
-    /// Name of the time zone.
-    pub time_zone: String,
+    /// Gates, periods, time zone and units.
+    pub tables: TrafficConfig,
     /// Local date and time of the first frame, for an input without a date in its name.
     pub start: Option<String>,
     /// Rule that assigns a camera to a clip; `None` if each clip is a camera of its own.
     pub camera_id: Option<String>,
-    /// Units of speeds.
-    pub units: Units,
 }
 
 /// What the command found.
@@ -59,39 +56,80 @@ pub struct TrafficReport {
 /// # Errors
 /// [`PipelineError::Usage`] for options that cannot be used, [`PipelineError::Write`] for files that cannot be read.
 pub fn traffic(inputs: &[PathBuf], options: &TrafficOptions) -> Result<TrafficReport, PipelineError> {
-    let usage = |e: roadplane_traffic::ClockError| PipelineError::usage(&e.to_string());
-    let clock = Clock::new(&options.time_zone, &options.every).map_err(usage)?;
+    let clock = clock_of(&options.tables)?;
     let start_s = options.start.as_ref().map(|text| clock.parse_start(text)).transpose().map_err(usage)?;
     let camera_id = options.camera_id.as_deref().map(CameraId::new).transpose()?;
-    let gates = options.gates.as_deref().map(GatesFile::read).transpose()?;
     let mut clips = Vec::new();
     for input in inputs {
         clips.extend(read_input(input, &clock, start_s)?);
     }
     let mut warnings = Vec::new();
-    let mut figures = Figures::default();
-    let (mut cameras, mut sites) = (Vec::new(), Vec::new());
-    for (name, clips) in by_camera(clips, camera_id.as_ref(), &mut warnings)? {
-        let mut site = Site { name, clips: Vec::new() };
-        for RunClip { clip, world, .. } in clips {
-            let (gates, zones) = match &gates {
-                Some(file) => file.in_world(world.as_ref(), &clip.name)?,
-                None => (Vec::new(), Vec::new()),
-            };
-            site.clips.push(SiteClip { clip, gates, zones });
-        }
-        let found = Figures::of(&site, &clock);
-        cameras.push(TrafficCamera::of(&site, &clock));
-        figures.extend(found);
+    let cameras = by_camera(clips, camera_id.as_ref(), &mut warnings)?;
+    report(cameras, &options.tables, &clock, warnings)
+}
+
+/// Computes the tables of traffic of a run in progress. `folder` has its `camera.json` and `tracks.parquet`.
+///
+/// # Errors
+/// As [`traffic`].
+pub(crate) fn traffic_of_run(
+    folder: &Path,
+    name: &str,
+    summary: &Summary,
+    tables: &TrafficConfig,
+) -> Result<TrafficReport, PipelineError> {
+    let clock = clock_of(tables)?;
+    let clips = read_run(folder, name, summary, &clock, None)?;
+    report(by_camera(clips, None, &mut Vec::new())?, tables, &clock, Vec::new())
+}
+
+/// Checks the settings of the tables, before any work is done.
+///
+/// # Errors
+/// [`PipelineError::Usage`] for settings that cannot be used, [`PipelineError::Write`] for a file of gates that cannot be
+/// read.
+pub fn check_traffic(tables: &TrafficConfig) -> Result<(), PipelineError> {
+    clock_of(tables)?;
+    tables.gates.as_deref().map(GatesFile::read).transpose().map(|_read| ())
+}
+
+/// Returns the sections on traffic of a run's report, as HTML.
+pub(crate) fn traffic_sections(report: &TrafficReport) -> String {
+    roadplane_view::traffic_sections(&report.file, &report.sites)
+}
+
+fn usage(error: ClockError) -> PipelineError {
+    PipelineError::usage(&error.to_string())
+}
+
+fn clock_of(tables: &TrafficConfig) -> Result<Clock, PipelineError> {
+    Clock::new(&tables.time_zone, &tables.every).map_err(usage)
+}
+
+fn report(
+    cameras: BTreeMap<String, Vec<RunClip>>,
+    tables: &TrafficConfig,
+    clock: &Clock,
+    mut warnings: Vec<String>,
+) -> Result<TrafficReport, PipelineError> {
+    let gates = tables.gates.as_deref().map(GatesFile::read).transpose()?;
+    let (mut figures, mut described, mut sites) = (Figures::default(), Vec::new(), Vec::new());
+    for (name, clips) in cameras {
+        let site = match &gates {
+            Some(gates) => drawn(name, clips, gates, &mut warnings)?,
+            None => found(name, clips),
+        };
+        described.push(TrafficCamera::of(&site, clock));
+        figures.extend(Figures::of(&site, clock));
         sites.push(site);
     }
     warnings.dedup();
     let file = TrafficFile {
         schema: TRAFFIC_SCHEMA.to_owned(),
-        every: options.every.clone(),
-        time_zone: options.time_zone.clone(),
-        units: options.units,
-        cameras,
+        every: tables.every.clone(),
+        time_zone: tables.time_zone.clone(),
+        units: tables.units,
+        cameras: described,
         warnings,
         counts: figures.counts.clone(),
         speeds: figures.speeds.clone(),
@@ -101,6 +139,40 @@ pub fn traffic(inputs: &[PathBuf], options: &TrafficOptions) -> Result<TrafficRe
         zones: figures.zones.clone(),
     };
     Ok(TrafficReport { file, figures, sites })
+}
+
+/// Puts the gates and zones of a file into the worlds of clips.
+fn drawn(
+    name: String,
+    clips: Vec<RunClip>,
+    gates: &GatesFile,
+    warnings: &mut Vec<String>,
+) -> Result<Site, PipelineError> {
+    let mut site = Site { name, clips: Vec::new() };
+    for RunClip { clip, world, world_number, .. } in clips {
+        let (gates, zones) = if world_number > 1 && gates.are_pixels() {
+            let name = &clip.name;
+            warnings.push(format!("{name}: gates in pixels hold for the first position of the camera only"));
+            (Vec::new(), Vec::new())
+        } else {
+            gates.in_world(world.as_ref(), &clip.name)?
+        };
+        site.clips.push(SiteClip { clip, gates, zones });
+    }
+    Ok(site)
+}
+
+/// Finds the roads that lead out of the picture. They are the gates.
+fn found(name: String, clips: Vec<RunClip>) -> Site {
+    let north_rad = clips.iter().find_map(|clip| clip.world.as_ref()?.bearing_rad());
+    let scene = find_scene(&clips.iter().map(|clip| &clip.clip).collect::<Vec<_>>(), north_rad);
+    let gates: Vec<_> = scene.arms.into_iter().map(|arm| arm.gate).collect();
+    let clips = clips.into_iter().map(|RunClip { clip, .. }| SiteClip {
+        clip,
+        gates: gates.clone(),
+        zones: Vec::new(),
+    });
+    Site { name, clips: clips.collect() }
 }
 
 /// Writes the tables, `traffic.json` and the page `traffic.html` into a folder.
@@ -126,7 +198,8 @@ fn by_camera(
     for clip in clips {
         let camera = match (&clip.camera, camera_id) {
             (Some(camera), _) => camera.clone(),
-            (None, Some(id)) => id.of(Path::new(&clip.clip.name))?,
+            // The suffix keeps the whole name, because a name may contain a dot.
+            (None, Some(id)) => id.of(Path::new(&format!("{}.mp4", clip.clip.name)))?,
             (None, None) => clip.clip.name.clone(),
         };
         if clip.clip.start_s.is_none() {
@@ -139,6 +212,8 @@ fn by_camera(
             None if camera_id.is_some() => format!("{camera}/{}", clip.clip.name),
             _ => camera,
         };
+        // Each position of the camera has a world of its own.
+        let camera = if clip.world_number > 1 { format!("{camera}/{}", clip.world_number) } else { camera };
         cameras.entry(camera).or_default().push(clip);
     }
     for clips in cameras.values_mut() {

@@ -9,6 +9,7 @@
 //! - `crossing.rs`, `count.rs`: which vehicle crosses a gate, and how many do
 //! - `speed.rs`: means and percentiles of speeds
 //! - `zone.rs`, `zone_figures.rs`: stays in a zone, occupancy, density, queues
+//! - `scene.rs`, `scene/`: arms, lanes and stop lines, found from the paths
 //! - `clock.rs`: local time and periods
 //! - `site.rs`, `passages.rs`: the clips of a camera, periods, passages over a gate with headways
 //! - `figures.rs` (`gate_figures.rs`, `flows.rs`), `records.rs`: the tables of a camera, and their rows
@@ -28,6 +29,7 @@ mod gate_figures;
 mod normal;
 mod passages;
 mod records;
+mod scene;
 mod site;
 mod speed;
 mod vehicle;
@@ -41,6 +43,7 @@ pub use figures::Figures;
 pub use file::{TRAFFIC_SCHEMA, TrafficCamera, TrafficClip, TrafficFile, TrafficPlace, Units};
 pub use gate::{Direction, Gate, Zone};
 pub use records::{CountRow, CrossingRow, FlowRow, Group, HeadwayRow, HistogramRow, SpeedRow, ZoneRow};
+pub use scene::{Arm, Flow, Lane, Scene, Stay, StopLine, find_scene};
 pub use site::{Site, SiteClip};
 pub use speed::{Measured, Speed, percentile, space_mean, time_mean};
 pub use vehicle::{Clip, State, Vehicle};

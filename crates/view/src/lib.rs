@@ -4,6 +4,7 @@
 //! - drawings in the picture: `overlay.rs`, `video.rs` (`labels.rs`, `canvas.rs`, `ground_cells.rs`)
 //! - the view from above: `birds_eye.rs`
 //! - the report: `report.rs`, `report/` (`crops.rs`, `histogram.rs`, `activities.rs`)
+//! - the page of traffic: `traffic.rs`, `traffic/`
 //! - warped pictures: `warp.rs`
 //! - pictures of detections, keypoints and edges: `detection_sheet.rs`, `keypoint_sheet.rs`, `lines.rs`
 
@@ -33,6 +34,6 @@ pub use keypoint_sheet::{KeypointCase, keypoint_sheet};
 pub use lines::with_lines;
 pub use overlay::{DrawnCar, Overlay, horizon_y_px, track_colour};
 pub use report::{ReportInput, Still, TrackStill, report_html};
-pub use traffic::traffic_html;
+pub use traffic::{traffic_html, traffic_sections};
 pub use video::VideoSink;
 pub use warp::warped;

@@ -10,4 +10,4 @@ mod page;
 mod plan;
 mod time_space;
 
-pub use page::traffic_html;
+pub use page::{traffic_html, traffic_sections};

@@ -3,8 +3,8 @@
 use std::io::{Write as _, stdout};
 
 use roadplane_pipeline::{
-    CameraDatabase, Cancel, Existing, FolderLock, PipelineError, RunOptions, find_models, inputs_of,
-    join_pieces, plan as plan_input,
+    CameraDatabase, Cancel, Existing, FolderLock, PipelineError, RunOptions, check_traffic, find_models,
+    inputs_of, join_pieces, plan as plan_input,
 };
 
 use crate::args::pieces::{JoinArgs, PlanArgs};
@@ -36,6 +36,7 @@ pub fn join(args: &JoinArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let config = args.config.load()?;
     let constraints = args.known.read_for_database(args.cameras.is_some())?;
     let site = super::site::site(&args.site)?;
+    check_traffic(&config.traffic)?;
     let models = find_models(config.models.folder.as_deref())?;
     let _lock = FolderLock::acquire(&args.out).map_err(PipelineError::from)?;
     let cameras = match (&args.cameras, &args.camera_id) {

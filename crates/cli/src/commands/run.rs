@@ -6,7 +6,7 @@ use std::sync::Mutex;
 use crossbeam_channel::bounded;
 use roadplane_pipeline::{
     CameraDatabase, Cancel, Config, Existing, Fault, FolderLock, PipelineError, RunOptions, RunReport,
-    find_models, run_input, run_piece, stem_of,
+    check_traffic, find_models, run_input, run_piece, stem_of,
 };
 
 use crate::args::RunArgs;
@@ -35,6 +35,7 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let metrics = Metrics::new(&run_id, args.inputs.len());
     let run_span = tracing::info_span!(target: "roadplane_ids", "run", run_id);
     let site = super::site::site(&args.site)?;
+    check_traffic(&config.traffic)?;
     let models = find_models(config.models.folder.as_deref())?;
     let cameras = match (&args.cameras, &args.camera_id) {
         (Some(folder), Some(id)) => Some(CameraDatabase::open(folder, id, &args.inputs)?),
@@ -119,6 +120,9 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
 fn needs(args: &RunArgs, config: &Config) -> Needs {
     let mut needs = Needs::of_nets(config.models.folder.as_deref()).reading(&args.inputs).writing(&args.out);
     needs.serves = args.metrics;
+    if let Some(gates) = &config.traffic.gates {
+        needs = needs.reading(std::slice::from_ref(gates));
+    }
     let needs = args.cameras.iter().fold(needs, |needs, folder| needs.writing(folder));
     args.metrics_file.iter().fold(needs, |needs, file| needs.writing_file(file))
 }

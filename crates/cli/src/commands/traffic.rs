@@ -1,7 +1,8 @@
 //! `roadplane traffic`: tables of traffic from finished runs.
 
 use roadplane_pipeline::{
-    Existing, FolderLock, PipelineError, TrafficOptions, Units, traffic as figures, write_traffic,
+    Existing, FolderLock, PipelineError, TrafficConfig, TrafficOptions, Units, traffic as figures,
+    write_traffic,
 };
 use roadplane_terminal::Outcome;
 use roadplane_write::OutputFolder;
@@ -15,14 +16,14 @@ pub fn traffic(args: &TrafficArgs) -> anyhow::Result<Outcome> {
         SpeedUnits::Kmh => Units::Kmh,
         SpeedUnits::Mph => Units::Mph,
     };
-    let options = TrafficOptions {
+    let tables = TrafficConfig {
         gates: args.gates.clone(),
         every: args.every.clone(),
         time_zone: args.time_zone.clone(),
-        start: args.start.clone(),
-        camera_id: args.camera_id.clone(),
         units,
+        ..TrafficConfig::default()
     };
+    let options = TrafficOptions { tables, start: args.start.clone(), camera_id: args.camera_id.clone() };
     let report = figures(&args.runs, &options)?;
     for warning in &report.file.warnings {
         tracing::warn!("{warning}");

@@ -136,6 +136,7 @@ pub(crate) fn write_report(
     solution: &ClipSolution,
     seen: &ReportPictures<'_>,
     summary: &Summary,
+    traffic: &str,
     config: &Config,
 ) -> Result<(), PipelineError> {
     let &ReportPictures { samples, stills, background, is_thinned } = seen;
@@ -181,6 +182,7 @@ pub(crate) fn write_report(
         moves: &summary.watch.moves,
         camera_notes: &in_words(&summary.watch),
         losses: &losses,
+        traffic,
     })?;
     let mut file = OutFile::create(path)?;
     file.write_bytes(page.as_bytes())?;

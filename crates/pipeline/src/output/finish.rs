@@ -17,6 +17,7 @@ use crate::output::draw::{Drawn, ReportPictures, draw_video, write_report};
 use crate::output::track_rows::{ShownRows, TrackRows};
 use crate::stream::perception::{Job, Perceived, SPOOL};
 use crate::stream::speed::Meter;
+use crate::traffic::{TrafficReport, traffic_of_run, traffic_sections, write_traffic};
 use crate::{Config, PipelineError, SceneView, Silent};
 
 /// Inputs of [`finish`].
@@ -78,7 +79,9 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
     let report = folder.join("report.html");
     let pictures =
         ReportPictures { samples: &perceived.samples, stills: &perceived.stills, background, is_thinned };
-    write_report(&report, stem, &atlas, &solution, &pictures, &summary, config)?;
+    let traffic = config.traffic.enabled.then(|| run_traffic(folder, stem, &mut summary, config)).flatten();
+    let sections = traffic.as_ref().map(traffic_sections).unwrap_or_default();
+    write_report(&report, stem, &atlas, &solution, &pictures, &summary, &sections, config)?;
     // Unlike the report, the summary includes the cost of writing the report.
     summary.speed = meter.as_mut().map(Meter::speed);
     if options.video {
@@ -99,6 +102,19 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
         )?;
     }
     Ok(solution)
+}
+
+/// Computes and writes the tables of traffic into the folder `traffic` of a result. A fault becomes a warning, so that the
+/// tracks are not lost.
+fn run_traffic(folder: &Path, stem: &str, summary: &mut Summary, config: &Config) -> Option<TrafficReport> {
+    let report = traffic_of_run(folder, stem, summary, &config.traffic).and_then(|report| {
+        let tables = folder.join("traffic");
+        std::fs::create_dir_all(&tables)
+            .map_err(|source| PipelineError::Unreadable { source, path: tables.clone() })?;
+        write_traffic(&report, &tables, config.traffic.units)?;
+        Ok(report)
+    });
+    report.map_err(|error| summary.warnings.push(format!("no tables of traffic: {error}"))).ok()
 }
 
 fn summary_of(perceived: &Perceived, solution: &ClipSolution, config: &Config) -> Summary {

@@ -64,6 +64,11 @@ impl GatesFile {
         Ok(Self { path: path.to_path_buf(), coordinates, shapes })
     }
 
+    /// Whether the points are pixels.
+    pub(super) fn are_pixels(&self) -> bool {
+        matches!(self.coordinates, Coordinates::Pixels { .. })
+    }
+
     /// Returns the gates and zones in the world frame of a clip.
     pub(super) fn in_world(
         &self,
@@ -81,8 +86,8 @@ impl GatesFile {
                 continue;
             }
             let middle = points.iter().sum::<Vector2<f64>>() / points.len() as f64;
-            let own_frame = matches!(self.coordinates, Coordinates::Pixels { .. });
-            let shared_sd_m = world.filter(|_| !own_frame).map_or(0.0, |world| world.position_sd(&middle));
+            let shared_sd_m =
+                world.filter(|_| !self.are_pixels()).map_or(0.0, |world| world.position_sd(&middle));
             gates.push(Gate { name: shape.name.clone(), line: points, shared_sd_m });
         }
         Ok((gates, zones))

@@ -19,6 +19,8 @@ pub(super) struct RunClip {
     pub(super) clip: Clip,
     /// `None` for tracks of other programs.
     pub(super) world: Option<World>,
+    /// Number of the world among those of its run, from 1.
+    pub(super) world_number: usize,
     /// Name of the camera, if the input states it.
     pub(super) camera: Option<String>,
 }
@@ -34,7 +36,8 @@ pub(super) fn read_input(
         return read_table(input, clock, start_s);
     }
     if input.join("summary.json").is_file() {
-        return read_run(input, clock, start_s);
+        let summary = read_summary(&input.join("summary.json"))?;
+        return read_run(input, &stem_of_run(input), &summary, clock, start_s);
     }
     let mut inner = children(input)?;
     inner.retain(|path| path.is_dir() || path.extension().is_some_and(|e| e == "parquet"));
@@ -82,10 +85,9 @@ fn read_table(path: &Path, clock: &Clock, start_s: Option<f64>) -> Result<Vec<Ru
     let span_s = vehicles.span_s.unwrap_or_default();
     let scale_sd = (!vehicles.lack_sds && vehicles.span_s.is_some()).then_some(0.0);
     let found = vehicles.finish(&[]);
-    let several = found.len() > 1;
     let clip = |(segment, vehicles): (usize, Vec<_>)| RunClip {
         clip: Clip {
-            name: if several { format!("{stem}_{}", segment + 1) } else { stem.clone() },
+            name: stem.clone(),
             start_s: start_s.or(local).or(named),
             span_s,
             not_followed_s: Vec::new(),
@@ -93,13 +95,20 @@ fn read_table(path: &Path, clock: &Clock, start_s: Option<f64>) -> Result<Vec<Ru
             vehicles,
         },
         world: None,
+        world_number: segment + 1,
         camera: camera.clone(),
     };
     Ok(found.into_iter().map(clip).collect())
 }
 
-fn read_run(folder: &Path, clock: &Clock, start_s: Option<f64>) -> Result<Vec<RunClip>, PipelineError> {
-    let summary = read_summary(&folder.join("summary.json"))?;
+/// Reads the run in a folder, which has the given name and summary.
+pub(super) fn read_run(
+    folder: &Path,
+    name: &str,
+    summary: &Summary,
+    clock: &Clock,
+    start_s: Option<f64>,
+) -> Result<Vec<RunClip>, PipelineError> {
     let camera = read_camera(&folder.join("camera.json"))?;
     let place = folder.join("place.json");
     let place = if place.is_file() {
@@ -128,24 +137,23 @@ fn read_run(folder: &Path, clock: &Clock, start_s: Option<f64>) -> Result<Vec<Ru
         let world = worlds.get(sample.segment).and_then(Option::as_ref);
         vehicles.add(&sample, world, centre_m);
     })?;
-    let name = stem_of_run(folder);
-    let start_s = start_s.or_else(|| start_in_name(&name).and_then(|local| clock.unix_of(local)));
+    let start_s = start_s.or_else(|| start_in_name(name).and_then(|local| clock.unix_of(local)));
     let mut found = vehicles.finish(&worlds);
     let span_s = [segments[0].span_s[0], segments[segments.len() - 1].span_s[1]];
-    let several = worlds.iter().flatten().count() > 1;
     let mut clips = Vec::new();
     for (i, world) in worlds.into_iter().enumerate() {
         let Some(world) = world else { continue };
         let elsewhere = (0..segments.len()).filter(|&j| world_of[j] != i).map(|j| segments[j].span_s);
         let clip = Clip {
-            name: if several { format!("{name}_{}", i + 1) } else { name.clone() },
+            name: name.to_owned(),
             start_s,
             span_s,
-            not_followed_s: merged(not_followed(&summary).chain(elsewhere).collect()),
+            not_followed_s: merged(not_followed(summary).chain(elsewhere).collect()),
             scale_sd: Some(segments[i].height_sd_m.map_or(0.0, |sd| sd / segments[i].height_m)),
             vehicles: found.remove(&i).unwrap_or_default(),
         };
-        clips.push(RunClip { clip, world: Some(world), camera: None });
+        let world_number = clips.len() + 1;
+        clips.push(RunClip { clip, world: Some(world), world_number, camera: None });
     }
     Ok(clips)
 }

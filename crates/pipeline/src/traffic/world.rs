@@ -49,6 +49,11 @@ impl World {
         self.place.is_some()
     }
 
+    /// Returns the bearing of the world's y axis on the map, rad clockwise from north; `None` without a map.
+    pub(super) fn bearing_rad(&self) -> Option<f64> {
+        self.place.as_ref().map(|place| place.bearing_deg.to_radians())
+    }
+
     /// Returns the ground at a pixel of a frame, m; `None` at or above the horizon.
     pub(super) fn ground_at(&self, pixel: &Vector2<f64>, frame: u64) -> Option<Vector2<f64>> {
         let pixel = self.world_from_picture.get(&frame).map_or(*pixel, |view| view.apply(pixel));

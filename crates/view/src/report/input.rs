@@ -40,6 +40,8 @@ pub struct ReportInput<'a> {
     pub camera_notes: &'a [String],
     /// Sentences about parts of the input that were lost or left out.
     pub losses: &'a [String],
+    /// Sections on traffic, as HTML; empty if there are none.
+    pub traffic: &'a str,
 }
 
 /// A small frame for the interactive player of the report.

@@ -43,6 +43,7 @@ pub fn report_html(input: &ReportInput<'_>) -> Result<String, ViewError> {
     }
     tracks::tracks(&mut page, input.rows);
     tracks::activities(&mut page, input.rows);
+    page.push_str(input.traffic);
     tracks::cars(&mut page, input)?;
     page.push_str("<h2>In the picture</h2>\n");
     for (index, picture) in input.samples {
@@ -143,6 +144,7 @@ mod tests {
             moves: &[],
             camera_notes: &[],
             losses: &[],
+            traffic: "",
         }
     }
 
@@ -203,6 +205,7 @@ mod tests {
             moves: &[moved],
             camera_notes: &["The camera shakes by up to 2 px.".to_owned()],
             losses: &["12 of 32 frames could not be decoded.".to_owned()],
+            traffic: "",
             ..empty()
         })
         .unwrap()

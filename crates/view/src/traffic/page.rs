@@ -30,14 +30,29 @@ pub fn traffic_html(file: &TrafficFile, sites: &[Site]) -> String {
         ),
     );
     for site in sites {
+        put(&mut page, format_args!("<h2>{}</h2>\n", escape(&site.name)));
         camera(&mut page, file, site);
     }
     page.push_str("</main></html>\n");
     page
 }
 
+/// Returns the sections of a run's report as HTML text; empty if no vehicle crosses a gate.
+#[must_use]
+pub fn traffic_sections(file: &TrafficFile, sites: &[Site]) -> String {
+    let mut page = String::new();
+    for site in sites {
+        let crossed = file.counts.iter().any(|row| row.group.camera == site.name && row.vehicles > Some(0));
+        if crossed || !file.zones.is_empty() {
+            let number = if sites.len() > 1 { format!(": {}", escape(&site.name)) } else { String::new() };
+            put(&mut page, format_args!("<h2>Traffic{number}</h2>\n"));
+            camera(&mut page, file, site);
+        }
+    }
+    page
+}
+
 fn camera(page: &mut String, file: &TrafficFile, site: &Site) {
-    put(page, format_args!("<h2>{}</h2>\n", escape(&site.name)));
     let Some(described) = file.cameras.iter().find(|camera| camera.name == site.name) else { return };
     let sum = |f: &dyn Fn(&roadplane_traffic::TrafficClip) -> f64| described.clips.iter().map(f).sum::<f64>();
     put(

@@ -1,0 +1,68 @@
+//! The layout of a scene, found from the paths of its vehicles: arms, lanes, stop lines and flows.
+
+mod arm;
+mod border;
+mod cluster;
+mod corridor;
+mod lane;
+mod names;
+mod path;
+mod roads;
+mod trips;
+
+pub use arm::{Arm, Flow};
+pub use lane::{Lane, Stay, StopLine};
+
+use crate::{Clip, Gate};
+use path::Path;
+
+/// Largest number of paths that places and lanes are estimated from. More paths do not change them visibly, and take
+/// longer.
+const MOST_PATHS: usize = 2000;
+/// Least probability that a vehicle exists.
+const LEAST_EXISTS_P: f64 = 0.5;
+
+/// The layout of a scene.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Scene {
+    /// Roads on which vehicles come into view or leave it, clockwise around the scene from the viewing direction.
+    pub arms: Vec<Arm>,
+    /// Ribbons of common paths.
+    pub lanes: Vec<Lane>,
+    /// Places where queues begin.
+    pub stop_lines: Vec<StopLine>,
+    /// Pairs of arms with three or more vehicles between them, sorted by arms.
+    pub flows: Vec<Flow>,
+}
+
+/// Returns the layout of a scene from clips of one camera. All clips have the same world frame: the origin is below the
+/// camera, and y is the viewing direction.
+///
+/// `north_rad` is the bearing of the world's y axis, clockwise from north. If it is given, arms are named by the
+/// compass. Otherwise they are numbered. The result does not depend on the order of clips, but for the index of a clip
+/// in `Stay`.
+#[must_use]
+pub fn find_scene(clips: &[&Clip], north_rad: Option<f64>) -> Scene {
+    let exists = |clip: usize, vehicle: usize| clips[clip].vehicles[vehicle].exists_p >= LEAST_EXISTS_P;
+    let all =
+        (0..clips.len()).flat_map(|clip| (0..clips[clip].vehicles.len()).map(move |vehicle| (clip, vehicle)));
+    let paths: Vec<Path> =
+        all.filter(|&(i, k)| exists(i, k)).filter_map(|(i, k)| Path::new(clips, i, k)).collect();
+    let every = paths.len().div_ceil(MOST_PATHS).max(1);
+    let some: Vec<Path> = paths.iter().step_by(every).cloned().collect();
+
+    let found = roads::sections(&some);
+    let places: Vec<_> = found.iter().map(|section| (section.middle, section.outward)).collect();
+    let named = names::named(&places, north_rad);
+    let sections: Vec<_> = named.iter().map(|(i, _)| found[*i].clone()).collect();
+    let trips: Vec<_> = paths.iter().map(|path| trips::trip(path, &sections)).collect();
+    let arm = |(i, (_, name)): (usize, &(usize, String))| Arm {
+        gate: Gate { name: name.clone(), line: sections[i].ends().to_vec(), shared_sd_m: 0.0 },
+        outward: sections[i].outward,
+        entered: trips.iter().filter(|trip| trip.from == Some(i)).count(),
+        left: trips.iter().filter(|trip| trip.to == Some(i)).count(),
+    };
+    let arms: Vec<Arm> = named.iter().enumerate().map(arm).collect();
+    let flows = trips::flows(&trips, arms.len());
+    Scene { arms, lanes: Vec::new(), stop_lines: Vec::new(), flows }
+}
