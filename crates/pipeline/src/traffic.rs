@@ -13,7 +13,6 @@ mod tables;
 mod world;
 
 use std::collections::BTreeMap;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use roadplane_traffic::{
@@ -175,17 +174,18 @@ fn found(name: String, clips: Vec<RunClip>) -> Site {
     Site { name, clips: clips.collect() }
 }
 
-/// Writes the tables, `traffic.json` and the page `traffic.html` into a folder.
+/// Writes the tables, `traffic.json` and the page `traffic.html` into a folder. It uses up the vehicles of the report, so
+/// that the memory of the tables does not add to theirs.
 ///
 /// # Errors
 /// [`PipelineError::Write`].
-pub fn write_traffic(report: &TrafficReport, folder: &Path, units: Units) -> Result<(), PipelineError> {
-    tables::write_all(report, folder, units)?;
+pub fn write_traffic(report: &mut TrafficReport, folder: &Path) -> Result<(), PipelineError> {
     let page = roadplane_view::traffic_html(&report.file, &report.sites);
+    report.sites.clear();
     let mut file = OutFile::create(&folder.join("traffic.html"))?;
-    file.write_all(page.as_bytes())
-        .map_err(|source| PipelineError::Unreadable { source, path: folder.join("traffic.html") })?;
-    file.finish().map_err(PipelineError::from)
+    file.write_bytes(page.as_bytes())?;
+    file.finish()?;
+    tables::write_all(report, folder).map_err(PipelineError::from)
 }
 
 /// Groups clips by camera. Clips without a date cannot be put in order, so each is a camera of its own.

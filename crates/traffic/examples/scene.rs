@@ -65,6 +65,7 @@ fn read(file: &str) -> Result<Clip, String> {
             states: Vec::new(),
         });
         vehicle.states.push(State {
+            scale_sd: 0.0,
             time_s: value(0)?,
             x_m: value(1)?,
             y_m: value(2)?,

@@ -24,7 +24,7 @@ pub fn traffic(args: &TrafficArgs) -> anyhow::Result<Outcome> {
         ..TrafficConfig::default()
     };
     let options = TrafficOptions { tables, start: args.start.clone(), camera_id: args.camera_id.clone() };
-    let report = figures(&args.runs, &options)?;
+    let mut report = figures(&args.runs, &options)?;
     for warning in &report.file.warnings {
         tracing::warn!("{warning}");
     }
@@ -35,7 +35,7 @@ pub fn traffic(args: &TrafficArgs) -> anyhow::Result<Outcome> {
     if folder.is_resumed() {
         folder.reset().map_err(PipelineError::from)?;
     }
-    let written = match write_traffic(&report, folder.path(), units) {
+    let written = match write_traffic(&mut report, folder.path()) {
         Ok(()) => folder.publish().map_err(PipelineError::from),
         Err(error) => folder.discard().map_err(PipelineError::from).and(Err(error)),
     };

@@ -17,7 +17,7 @@ use crate::output::draw::{Drawn, ReportPictures, draw_video, write_report};
 use crate::output::track_rows::{ShownRows, TrackRows};
 use crate::stream::perception::{Job, Perceived, SPOOL};
 use crate::stream::speed::Meter;
-use crate::traffic::{TrafficReport, traffic_of_run, traffic_sections, write_traffic};
+use crate::traffic::{traffic_of_run, traffic_sections, write_traffic};
 use crate::{Config, PipelineError, SceneView, Silent};
 
 /// Inputs of [`finish`].
@@ -79,8 +79,8 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
     let report = folder.join("report.html");
     let pictures =
         ReportPictures { samples: &perceived.samples, stills: &perceived.stills, background, is_thinned };
-    let traffic = config.traffic.enabled.then(|| run_traffic(folder, stem, &mut summary, config)).flatten();
-    let sections = traffic.as_ref().map(traffic_sections).unwrap_or_default();
+    let sections = config.traffic.enabled.then(|| run_traffic(folder, stem, &mut summary, config));
+    let sections = sections.unwrap_or_default();
     write_report(&report, stem, &atlas, &solution, &pictures, &summary, &sections, config)?;
     // Unlike the report, the summary includes the cost of writing the report.
     summary.speed = meter.as_mut().map(Meter::speed);
@@ -104,17 +104,21 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
     Ok(solution)
 }
 
-/// Computes and writes the tables of traffic into the folder `traffic` of a result. A fault becomes a warning, so that the
-/// tracks are not lost.
-fn run_traffic(folder: &Path, stem: &str, summary: &mut Summary, config: &Config) -> Option<TrafficReport> {
-    let report = traffic_of_run(folder, stem, summary, &config.traffic).and_then(|report| {
-        let tables = folder.join("traffic");
+/// Computes and writes the tables of traffic into the folder `traffic` of a result, and returns the sections of the report. A
+/// fault becomes a warning, so that the tracks are not lost.
+fn run_traffic(folder: &Path, stem: &str, summary: &mut Summary, config: &Config) -> String {
+    let tables = folder.join("traffic");
+    let sections = traffic_of_run(folder, stem, summary, &config.traffic).and_then(|mut report| {
+        let sections = traffic_sections(&report);
         std::fs::create_dir_all(&tables)
             .map_err(|source| PipelineError::Unreadable { source, path: tables.clone() })?;
-        write_traffic(&report, &tables, config.traffic.units)?;
-        Ok(report)
+        write_traffic(&mut report, &tables)?;
+        Ok(sections)
     });
-    report.map_err(|error| summary.warnings.push(format!("no tables of traffic: {error}"))).ok()
+    sections.unwrap_or_else(|error| {
+        summary.warnings.push(format!("no tables of traffic: {error}"));
+        String::new()
+    })
 }
 
 fn summary_of(perceived: &Perceived, solution: &ClipSolution, config: &Config) -> Summary {

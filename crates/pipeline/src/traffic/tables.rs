@@ -15,10 +15,12 @@ const KM_PER_MILE: f64 = 1.609_344;
 const DECIMALS: i32 = 4;
 
 /// Writes `traffic.json`, and each table as CSV and Parquet. A table without rows is not written.
-pub(super) fn write_all(report: &TrafficReport, folder: &Path, units: Units) -> Result<(), WriteError> {
+pub(super) fn write_all(report: &TrafficReport, folder: &Path) -> Result<(), WriteError> {
+    let units = report.file.units;
     let mut whole = serde_json::to_value(&report.file).map_err(|e| WriteError::malformed(folder, e))?;
     tidy(&mut whole, units);
     write_json(&folder.join("traffic.json"), &whole)?;
+    drop(whole);
     let figures = &report.figures;
     let write = |name: &str, rows: Result<Vec<TableRow>, serde_json::Error>| {
         let path = folder.join(format!("{name}.csv"));
