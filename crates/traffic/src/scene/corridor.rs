@@ -72,6 +72,9 @@ pub(super) fn gate_section(paths: &[Path], events: &[Event]) -> Option<Section> 
     // The better of the two places, if the road ends right behind the outer one.
     let chosen = if counts[inside] as f64 >= CROSS_SHARE * most { inside } else { outermost };
     let (section, crossings) = sections.swap_remove(chosen);
+    if crossings.len() < 3 {
+        return None;
+    }
     let low = crossings.iter().map(|crossing| crossing.aside_m).fold(f64::INFINITY, f64::min);
     let high = crossings.iter().map(|crossing| crossing.aside_m).fold(f64::NEG_INFINITY, f64::max);
     let middle = section.middle + section.side() * (low + high) / 2.0;
