@@ -27,7 +27,7 @@ from pathlib import Path
 
 import numpy as np
 import variants
-from streets import Movement, Street, rendered, turning
+from streets import Movement, Street, Track, rendered, turning
 
 ROOT = Path(__file__).resolve().parents[2]
 HEADER = "track,time_s,x_m,y_m,heading_rad,speed_mps,x_own_sd_m,y_own_sd_m,length_m,width_m,class"
@@ -70,15 +70,22 @@ def crosses(path: np.ndarray, gate: dict, inward: bool) -> float | None:
     return None
 
 
-def whole(street: Street) -> list[list]:
-    """Returns the tracks of each movement that begin and end while they drive, not at the clip's ends."""
+def whole(street: Street) -> list[list[Track]]:
+    """Returns the tracks of each movement that were seen on the whole path.
+
+    They begin and end while they drive, not at the clip's ends, and are at least 60 % as long as the longest of them.
+    """
     result: list[list] = [[] for _ in street.movements]
     for track in street.tracks:
         times, speeds = track.rows[[0, -1], 0], np.abs(track.rows[:, 4])
         drives = min(speeds[:3].mean(), speeds[-3:].mean()) > 2
         if track.movement is not None and drives and times[0] > 1 and times[1] < street.seconds - 1.2:
             result[track.movement].append(track)
-    return result
+
+    def reach(track: Track) -> float:
+        return float(np.linalg.norm(track.rows[-1, 1:3] - track.rows[0, 1:3]))
+
+    return [[track for track in tracks if reach(track) > 0.6 * max(map(reach, tracks))] for tracks in result]
 
 
 def compare(street: Street, truth: Street, found: dict, tally: Tally, name: str, log: Callable[[str], None]) -> None:

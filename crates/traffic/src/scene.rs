@@ -5,8 +5,11 @@ mod border;
 mod cluster;
 mod corridor;
 mod lane;
+mod mixture;
 mod names;
 mod path;
+mod reference;
+mod ribbons;
 mod roads;
 mod trips;
 
@@ -63,5 +66,8 @@ pub fn find_scene(clips: &[&Clip], north_rad: Option<f64>) -> Scene {
     };
     let arms: Vec<Arm> = named.iter().enumerate().map(arm).collect();
     let flows = trips::flows(&trips, arms.len());
-    Scene { arms, lanes: Vec::new(), stop_lines: Vec::new(), flows }
+    let track_of = |path: &Path| clips[path.clip].vehicles[path.vehicle].track;
+    let few: Vec<_> = trips.iter().copied().step_by(every).collect();
+    let lanes = ribbons::lanes(&some, &few, &flows, &track_of);
+    Scene { arms, lanes, stop_lines: Vec::new(), flows }
 }
