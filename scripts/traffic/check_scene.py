@@ -187,7 +187,12 @@ def stops(street: Street, truth: Street, found: dict, tally: Tally, name: str, l
             if track.movement != i or len(rest) < 10:
                 continue
             front = rest[:, 1:3] + track.length_m / 2 * np.stack([np.cos(rest[:, 3]), np.sin(rest[:, 3])], 1)
-            if any((np.linalg.norm(front - stop, axis=1) < 2).sum() >= 10 for stop in movement.stops):
+            there = np.min([np.linalg.norm(front - stop, axis=1) for stop in movement.stops], axis=0) < 2
+            if there.sum() < 10:
+                continue
+            times, rows = rest[there, 0], track.rows
+            drives = np.abs(rows[:, 4]) > 2
+            if drives[rows[:, 0] < times[0]].any() and drives[rows[:, 0] > times[-1]].any():
                 heads.add(number)
         if len(heads) >= FEWEST:
             tally.stops[0] += 1

@@ -11,6 +11,7 @@ mod path;
 mod reference;
 mod ribbons;
 mod roads;
+mod stops;
 mod trips;
 
 pub use arm::{Arm, Flow};
@@ -69,5 +70,6 @@ pub fn find_scene(clips: &[&Clip], north_rad: Option<f64>) -> Scene {
     let track_of = |path: &Path| clips[path.clip].vehicles[path.vehicle].track;
     let few: Vec<_> = trips.iter().copied().step_by(every).collect();
     let lanes = ribbons::lanes(&some, &few, &flows, &track_of);
-    Scene { arms, lanes, stop_lines: Vec::new(), flows }
+    let stop_lines = stops::stop_lines(clips, &some, &lanes);
+    Scene { arms, lanes, stop_lines, flows }
 }

@@ -11,7 +11,6 @@ use super::{
 pub(super) const LINK_ACROSS_M: f64 = 10.0;
 /// Longest distance along the road between neighbouring events, m.
 const LINK_ALONG_M: f64 = 30.0;
-const CORE: usize = 1;
 /// Fewest vehicles of an arm, and of a flow: two may be one wrong track that was cut.
 pub(super) const FEWEST: usize = 3;
 
@@ -22,14 +21,14 @@ pub(super) fn groups(paths: &[Path], events: &[Event]) -> Vec<Vec<Event>> {
     let mut group_of: Vec<Option<usize>> = vec![None; events.len()];
     let mut groups = 0;
     for start in 0..events.len() {
-        if group_of[start].is_some() || near(start).count() < CORE {
+        if group_of[start].is_some() || near(start).count() < FEWEST {
             continue;
         }
         let mut open = vec![start];
         group_of[start] = Some(groups);
         while let Some(a) = open.pop() {
             let found: Vec<usize> = near(a).collect();
-            if found.len() < CORE {
+            if found.len() < FEWEST {
                 continue;
             }
             for b in found {
