@@ -5,9 +5,13 @@ mod border;
 mod cluster;
 mod corridor;
 mod lane;
+mod mixture;
 mod names;
 mod path;
+mod reference;
+mod ribbons;
 mod roads;
+mod stops;
 mod trips;
 
 pub use arm::{Arm, Flow};
@@ -64,5 +68,9 @@ pub fn find_scene(clips: &[&Clip], north_rad: Option<f64>) -> Scene {
     };
     let arms: Vec<Arm> = named.iter().enumerate().map(arm).collect();
     let flows = trips::flows(&trips, arms.len());
-    Scene { arms, lanes: Vec::new(), stop_lines: Vec::new(), flows }
+    let track_of = |path: &Path| clips[path.clip].vehicles[path.vehicle].track;
+    let few: Vec<_> = trips.iter().copied().step_by(every).collect();
+    let lanes = ribbons::lanes(&some, &few, &flows, &track_of);
+    let stop_lines = stops::stop_lines(clips, &some, &lanes);
+    Scene { arms, lanes, stop_lines, flows }
 }

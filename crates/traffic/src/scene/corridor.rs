@@ -4,7 +4,7 @@ use nalgebra::Vector2;
 
 use super::{
     border::{Event, HALF_LANE_M, SAME_DIRECTION_COS},
-    cluster::LINK_ACROSS_M,
+    cluster::{FEWEST, LINK_ACROSS_M},
     path::Path,
 };
 
@@ -62,7 +62,8 @@ impl Section {
 }
 
 /// Returns the line across the road of a group of events, at the outermost place that nearly all its vehicles cross,
-/// and one step farther inside. `None` if the vehicles share no part of a road.
+/// and one step farther inside. `None` if fewer than `FEWEST` vehicles cross it, or if most vehicles that cross it were
+/// followed beyond the road's outer end: then vehicles were lost here.
 pub(super) fn gate_section(paths: &[Path], events: &[Event]) -> Option<Section> {
     let mut sections = follow(paths, events);
     let counts: Vec<usize> = sections.iter().map(|(_, crossings)| crossings.len()).collect();
@@ -72,6 +73,11 @@ pub(super) fn gate_section(paths: &[Path], events: &[Event]) -> Option<Section> 
     // The better of the two places, if the road ends right behind the outer one.
     let chosen = if counts[inside] as f64 >= CROSS_SHARE * most { inside } else { outermost };
     let (section, crossings) = sections.swap_remove(chosen);
+    let all: Vec<[bool; 2]> = paths.iter().map(|path| [path.ends, path.begins]).collect();
+    let reach = Section { half_m: section.half_m + LINK_ACROSS_M, ..section.clone() };
+    if crossings.len() < FEWEST || 2 * crossings.len() <= self::crossings(paths, &all, &reach).len() {
+        return None;
+    }
     let low = crossings.iter().map(|crossing| crossing.aside_m).fold(f64::INFINITY, f64::min);
     let high = crossings.iter().map(|crossing| crossing.aside_m).fold(f64::NEG_INFINITY, f64::max);
     let middle = section.middle + section.side() * (low + high) / 2.0;

@@ -35,6 +35,8 @@ pub(super) struct Path {
     pub clip: usize,
     /// Index of the vehicle in the clip.
     pub vehicle: usize,
+    /// Width of the vehicle, m.
+    pub width_m: f64,
     /// Points, at least two.
     pub points: Vec<Point>,
     /// Whether the vehicle drove when its first state was taken, and was not there before for another reason.
@@ -47,7 +49,7 @@ impl Path {
     /// Returns the path of a vehicle; `None` if the vehicle does not drive.
     pub(super) fn new(clips: &[&Clip], clip: usize, vehicle: usize) -> Option<Self> {
         let source = clips[clip];
-        let Vehicle { states, .. } = &source.vehicles[vehicle];
+        let Vehicle { states, width_m, .. } = &source.vehicles[vehicle];
         let finite =
             |state: &&State| state.x_m.is_finite() && state.y_m.is_finite() && state.time_s.is_finite();
         let mut kept: Vec<State> = Vec::new();
@@ -74,7 +76,7 @@ impl Path {
             let forward = (after - before).try_normalize(0.0).unwrap_or_else(|| state.forward());
             points.push(Point { at: state.position(), forward, along_m, state: *state });
         }
-        Some(Self { clip, vehicle, points, begins, ends })
+        Some(Self { clip, vehicle, width_m: *width_m, points, begins, ends })
     }
 
     /// Returns the length, m.
