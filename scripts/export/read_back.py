@@ -15,35 +15,14 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
-import pyogrio
-import pyproj
-import shapely
-import sumolib
 import trackeval
 import yaml
-from geojson_pydantic import FeatureCollection
+from cameras import check_rope3d, check_ucmctrack
+from maps import check_geojson, check_geoparquet, check_kml
+from rows import BOX, by_frame, close
+from traffic import check_highd, check_ngsim, check_ottrk, check_ssam, check_sumo
 
 PROGRAM = Path(__file__).resolve().parents[2] / "target/release/roadplane"
-FOOT_M = 0.3048
-BOX = ["bbox_x0_px", "bbox_y0_px", "bbox_x1_px", "bbox_y1_px"]
-
-
-def close(found: np.ndarray, ours: np.ndarray, tolerance: float) -> None:
-    """Checks that there are as many numbers, each within the format's digits."""
-    found, ours = np.asarray(found, float), np.asarray(ours, float)
-    assert found.shape == ours.shape, f"{found.shape} against {ours.shape}"
-    worst = np.abs(found - ours).max(initial=0)
-    assert worst <= tolerance, f"off by {worst}, allowed {tolerance}"
-
-
-def by_frame(run: pd.DataFrame) -> pd.DataFrame:
-    """Returns rows by frame, then track."""
-    return run.sort_values(["frame", "track"], ignore_index=True)
-
-
-def by_track(run: pd.DataFrame) -> pd.DataFrame:
-    """Returns rows by track, then frame."""
-    return run.sort_values(["track", "frame"], ignore_index=True)
 
 
 def trackeval_rows(dataset: type, options: dict, folder: Path, name: str, frames: int) -> np.ndarray:
@@ -173,86 +152,10 @@ def score_actev(scorer: Path, folder: Path, name: str) -> None:
     print(f"actev: {count} instances, by NIST's scorer")
 
 
-def check_geojson(folder: Path, name: str, run: pd.DataFrame) -> int:
-    """Checks with geojson-pydantic and GDAL; if the run is on the map, PROJ converts its degrees to the UTM zone."""
-    path, rows = folder / f"{name}.rows.geojson", by_frame(run)
-    on_map = "latitude" in rows
-    places = rows[["longitude", "latitude"] if on_map else ["x_m", "y_m"]]
-    points = FeatureCollection.model_validate_json(path.read_text())
-    close([p.geometry.coordinates[:2] for p in points.features], places, 1e-9)
-    meta, _, geometry, fields = pyogrio.raw.read(path)
-    close(shapely.get_coordinates(shapely.from_wkb(geometry)), places, 1e-9)
-    columns = dict(zip(meta["fields"], fields, strict=True))
-    for column in ("frame", "track", "time_s", "heading_rad", "x_sd_m", "observed"):
-        close(columns[column], rows[column], 1e-9)
-    if on_map:
-        zone = rows.utm_zone.iloc[0]
-        utm = pyproj.CRS.from_dict({"proj": "utm", "zone": int(zone[:-1]), "south": zone[-1] == "S", "datum": "WGS84"})
-        to_utm = pyproj.Transformer.from_crs("EPSG:4326", utm, always_xy=True)
-        close(np.column_stack(to_utm.transform(rows.longitude, rows.latitude)), rows[["east_m", "north_m"]], 1e-3)
-    lines = FeatureCollection.model_validate_json((folder / f"{name}.tracks.geojson").read_text())
-    assert len(lines.features) == run.track.nunique()
-    return len(points.features)
-
-
-def on_the_axis(places: np.ndarray, run: pd.DataFrame, tolerance: float) -> None:
-    """Checks that fronts and centres of bodies are ahead of the run's position, at one distance per car."""
-    apart = places - run[["x_m", "y_m"]].to_numpy()
-    cos, sin = np.cos(run.heading_rad.to_numpy()), np.sin(run.heading_rad.to_numpy())
-    close(apart[:, 1] * cos - apart[:, 0] * sin, np.zeros(len(run)), tolerance)
-    ahead = pd.Series(apart[:, 0] * cos + apart[:, 1] * sin).groupby(run.track).agg(np.ptp)
-    close(ahead, np.zeros(len(ahead)), tolerance)
-
-
-def check_sumo(folder: Path, name: str, run: pd.DataFrame) -> int:
-    """Checks with sumolib."""
-    types = {t.id: t for t in sumolib.xml.parse(str(folder / f"{name}.vtypes.xml"), "vType")}
-    rows = []
-    for step in sumolib.xml.parse(str(folder / f"{name}.fcd.xml"), "timestep"):
-        rows += [
-            (float(step.time), int(v.id), float(v.x), float(v.y), float(v.angle), float(v.speed), float(types[v.type].length))
-            for v in step.vehicle or []
-        ]
-    rows, run = np.array(rows), by_frame(run)
-    close(rows[:, 0], run.time_s, 1e-6)
-    close(rows[:, 1], run.track, 0)
-    heading = np.radians(90 - rows[:, 4])
-    close(np.angle(np.exp(1j * (heading - run.heading_rad.to_numpy()))), np.zeros(len(run)), 6e-6)
-    close(rows[:, 5], run.speed_mps, 1e-4)
-    close(rows[:, 6], run.length_m, 1e-4)
-    on_the_axis(rows[:, 2:4], run, 4e-4)
-    return len(rows)
-
-
-def check_ngsim(folder: Path, name: str, run: pd.DataFrame) -> int:
-    """Checks with pandas."""
-    found, run = pd.read_csv(folder / f"{name}.csv"), by_track(run)
-    close(found[["Vehicle_ID", "Frame_ID"]], run[["track", "frame"]], 0)
-    close(found.v_Vel * FOOT_M, run.speed_mps, 2e-4)
-    close(found.v_Length * FOOT_M, run.length_m, 2e-4)
-    on_the_axis(found[["Local_X", "Local_Y"]].to_numpy() * FOOT_M, run, 4e-4)
-    return len(found)
-
-
 def check_csv(folder: Path, name: str, run: pd.DataFrame) -> int:
     """Checks with pandas."""
     found = pd.read_csv(folder / f"{name}.csv")
     pd.testing.assert_frame_equal(found, run)
-    return len(found)
-
-
-def check_highd(folder: Path, name: str, run: pd.DataFrame) -> int:
-    """Checks with pandas."""
-    found, run = pd.read_csv(folder / f"{name}_tracks.csv"), by_track(run)
-    close(found[["id", "frame"]], run[["track", "frame"]], 0)
-    close(np.hypot(found.xVelocity, found.yVelocity), run.speed_mps.abs(), 2e-4)
-    # Their y axis points to the right; x and y are the upper left corner of a box along the axes.
-    axis = pd.read_csv(folder / f"{name}_recordingMeta.csv").xAxisHeading[0]
-    middle = np.column_stack([found.x + found.width / 2, -(found.y + found.height / 2)])
-    turn = np.array([[np.cos(axis), np.sin(axis)], [-np.sin(axis), np.cos(axis)]])
-    on_the_axis(middle @ turn, run, 1e-3)
-    meta = pd.read_csv(folder / f"{name}_tracksMeta.csv")
-    close(meta.numFrames, run.groupby("track").size(), 0)
     return len(found)
 
 
@@ -262,9 +165,15 @@ CHECKS: dict[str, Callable[[Path, str, pd.DataFrame], int]] = {
     "kpf": check_kpf,
     "actev": check_actev,
     "geojson": check_geojson,
+    "geoparquet": check_geoparquet,
+    "kml": check_kml,
     "sumo-fcd": check_sumo,
     "ngsim": check_ngsim,
     "highd": check_highd,
+    "ssam": check_ssam,
+    "ottrk": check_ottrk,
+    "ucmctrack": check_ucmctrack,
+    "rope3d": check_rope3d,
     "csv": check_csv,
 }
 
@@ -278,11 +187,14 @@ def main() -> None:
     folder = args.run
     run = pd.read_csv(folder / "tracks.csv")
     with tempfile.TemporaryDirectory() as out:
-        subprocess.run(
-            [PROGRAM, "export", folder, "--format", ",".join(CHECKS), "--out", out], check=True, stderr=subprocess.DEVNULL
-        )
+        subprocess.run([PROGRAM, "export", folder, "--format", "all", "--out", out], check=True, stderr=subprocess.DEVNULL)
+        written = {path.name for path in Path(out).iterdir() if path.is_dir()}
+        assert written <= set(CHECKS), f"without a check: {written - set(CHECKS)}"
         for name, check in CHECKS.items():
-            print(f"{name}: {check(Path(out, name), folder.name, run)} rows, as in the run")
+            if name in written:
+                print(f"{name}: {check(Path(out, name), folder.name, run)} rows, as in the run")
+            else:
+                print(f"{name}: not exported, because the run lacks the data")
         if args.scorer:
             score_actev(args.scorer.resolve(), Path(out, "actev"), folder.name)
 

@@ -39,6 +39,10 @@ pub fn export(
     existing: Existing,
 ) -> Result<Vec<PathBuf>, WriteError> {
     let write = |format: &&Format| {
+        if let Some(reason) = format.lacks(run) {
+            let what = format!("the format {} {reason}", format.name);
+            return Err(WriteError::Lacks { what, path: run.folder.clone() });
+        }
         let mut folder = OutputFolder::begin(out, format.name, existing)?;
         if folder.is_resumed() {
             folder.reset()?;

@@ -8,7 +8,8 @@ use nalgebra::Vector2;
 use roadplane_base::{Homography, PoseRecord, Shape, ShapeAtlas, TrackRow, VehicleClass};
 use roadplane_geo::{Fit, Site};
 use roadplane_write::{
-    CameraSegment, FrameMotion, Summary, WriteError, read_camera, read_jsonl, read_summary, rounded_row,
+    CameraSegment, FrameMotion, Summary, WriteError, read_camera, read_evidence, read_jsonl, read_summary,
+    rounded_row, seconds_since_1970, time_in_name,
 };
 use serde::Deserialize;
 
@@ -21,6 +22,11 @@ pub struct Run {
     pub name: String,
     /// Name of the input file. Characters that other tools reject are replaced by `_`.
     pub media: String,
+    /// sha256 of the input, hexadecimal.
+    pub media_sha256: String,
+    /// Start of the recording, s since the start of 1970 (UTC); `None` if it is unknown. It is the time in the name of
+    /// the input. If the name has no time, it is the time of recording in the run's `evidence.json`.
+    pub start_s: Option<i64>,
     /// Number of frames of the input, including frames without vehicles.
     pub frames: u64,
     /// Frame rate of the input, frames per second.
@@ -137,7 +143,9 @@ impl Run {
                 .collect(),
             segments: segments(&name, camera.all()),
             motion: camera.motion.into_iter().map(|row| (row.frame, row)).collect(),
+            start_s: start_s(folder, &summary)?,
             media: media_of(&summary),
+            media_sha256: summary.input.sha256,
             events,
             place,
             name,
@@ -236,6 +244,12 @@ impl Track {
         ahead(row, self.centre_m + row.length_m / 2.0)
     }
 
+    /// Returns the middle of the vehicle's rear bumper on the ground at the time of a row: world x and y, m.
+    #[must_use]
+    pub fn rear(&self, row: &TrackRow) -> Vector2<f64> {
+        ahead(row, self.centre_m - row.length_m / 2.0)
+    }
+
     /// Returns the acceleration along the heading in each row, m/s².
     ///
     /// It is the difference in speed between the next row and the previous row, divided by the time between these rows.
@@ -308,6 +322,19 @@ fn frames_per_s(rows: &BTreeMap<u64, Vec<TrackRow>>) -> f64 {
 fn media_of(summary: &Summary) -> String {
     let name = Path::new(&summary.input.path).file_name();
     plain(&name.map_or_else(|| "input".to_owned(), |name| name.to_string_lossy().into_owned()))
+}
+
+/// Returns the start of the recording, s since the start of 1970 (UTC); `None` if it is unknown.
+fn start_s(folder: &Path, summary: &Summary) -> Result<Option<i64>, WriteError> {
+    let name = Path::new(&summary.input.path).file_name();
+    if let Some(time) = name.and_then(|name| time_in_name(&name.to_string_lossy())) {
+        return Ok(seconds_since_1970(&time));
+    }
+    let evidence = folder.join("evidence.json");
+    if !evidence.exists() {
+        return Ok(None);
+    }
+    Ok(seconds_since_1970(&read_evidence(&evidence)?.clip.recorded))
 }
 
 /// Replaces each character by `_`, except for ASCII letters, digits, `_`, `-` and `.`.

@@ -3,22 +3,29 @@
 use std::path::Path;
 
 use quick_xml::Writer;
-use quick_xml::events::{BytesDecl, Event};
+use quick_xml::events::{BytesDecl, BytesText, Event};
 use roadplane_write::{OutFile, WriteError};
 
-/// An XML element with its attributes and child elements.
+/// An XML element with its attributes and its content: text, or child elements.
 #[derive(Clone, Debug)]
 pub struct Element {
     name: &'static str,
     attributes: Vec<(&'static str, String)>,
+    text: String,
     children: Vec<Element>,
 }
 
 impl Element {
-    /// Creates an element without attributes and children.
+    /// Creates an element without attributes and content.
     #[must_use]
     pub fn new(name: &'static str) -> Self {
-        Self { name, attributes: Vec::new(), children: Vec::new() }
+        Self { name, attributes: Vec::new(), text: String::new(), children: Vec::new() }
+    }
+
+    /// Creates an element that contains only text.
+    #[must_use]
+    pub fn text(name: &'static str, text: impl ToString) -> Self {
+        Self { text: text.to_string(), ..Self::new(name) }
     }
 
     /// Appends an attribute to the element.
@@ -52,6 +59,9 @@ impl Element {
     fn write_into(&self, xml: &mut Writer<&mut OutFile>) -> std::io::Result<()> {
         let attributes = self.attributes.iter().map(|(name, value)| (*name, value.as_str()));
         let start = xml.create_element(self.name).with_attributes(attributes);
+        if !self.text.is_empty() {
+            return start.write_text_content(BytesText::new(&self.text)).map(|_| ());
+        }
         if self.children.is_empty() {
             return start.write_empty().map(|_| ());
         }
@@ -75,10 +85,11 @@ mod tests {
     fn text_is_escaped_and_zero_has_no_sign() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("a.xml");
-        let root = Element::new("a").with("name", "x<\"&").holding([Element::new("b")]);
+        let root =
+            Element::new("a").with("name", "x<\"&").holding([Element::new("b"), Element::text("c", "1 < 2")]);
         root.write(&path).unwrap();
         let text = std::fs::read_to_string(&path).unwrap();
-        assert!(text.ends_with("<a name=\"x&lt;&quot;&amp;\">\n  <b/>\n</a>\n"), "{text}");
+        assert!(text.ends_with("<a name=\"x&lt;&quot;&amp;\">\n  <b/>\n  <c>1 &lt; 2</c>\n</a>\n"), "{text}");
         assert_eq!((fixed(-0.0001, 2), fixed(-0.01, 2)), ("0.00".to_owned(), "-0.01".to_owned()));
     }
 }

@@ -1,9 +1,8 @@
-//! Local time: the start of a clip, and the periods of the tables.
+//! Local time, and the periods of the tables.
 
 use jiff::Timestamp;
-use jiff::civil::{Date, DateTime, Time};
+use jiff::civil::{DateTime, Time};
 use jiff::tz::TimeZone;
-use regex::Regex;
 
 /// The periods of the tables in local time.
 #[derive(Clone, Debug)]
@@ -95,23 +94,6 @@ impl Clock {
     }
 }
 
-/// Returns the date and time in the name of a clip, such as `gate-3_20260131_2200.mp4`. Seconds, or the whole time of
-/// day, may be missing. `None` if the name has no date.
-#[must_use]
-pub fn start_in_name(name: &str) -> Option<DateTime> {
-    let form = Regex::new(
-        r"(?:^|\D)((?:19|20)\d\d)[-_.]?(\d\d)[-_.]?(\d\d)(?:[-_.T ]+(\d\d)[-_.:h]?(\d\d)(?:[-_.:m]?(\d\d))?|(\d\d)(\d\d)(\d\d))?(?:\D|$)",
-    );
-    let found = form.ok()?.captures(name)?;
-    let number = |i: usize| found.get(i).and_then(|text| text.as_str().parse::<i16>().ok());
-    let small = |i: usize, or: usize| {
-        number(i).or_else(|| number(or)).and_then(|n| i8::try_from(n).ok()).unwrap_or(0)
-    };
-    let date = Date::new(number(1)?, small(2, 2), small(3, 3)).ok()?;
-    let time = Time::new(small(4, 7), small(5, 8), small(6, 9), 0).ok()?;
-    Some(DateTime::from_parts(date, time))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -136,22 +118,5 @@ mod tests {
         }
         assert_eq!(Clock::new("UTC", "5").unwrap().every_s(), 300.0);
         assert!(Clock::new("UTC", "5").unwrap().parse_start("tonight").is_err());
-    }
-
-    #[test]
-    fn dates_in_names() {
-        let start = |name: &str| start_in_name(name).map(|local| local.to_string());
-        for (name, expected) in [
-            ("gate-3_20260131_2200", "2026-01-31T22:00:00"),
-            ("gate-3_20260131", "2026-01-31T00:00:00"),
-            ("2018-03-07.11-05-07.11-10-07.school.G330", "2018-03-07T11:05:07"),
-            ("cam1_20260131221530", "2026-01-31T22:15:30"),
-            ("cam 2026-01-31T22:15", "2026-01-31T22:15:00"),
-        ] {
-            assert_eq!(start(name).as_deref(), Some(expected), "{name}");
-        }
-        for name in ["lot", "VIRAT_S_000002", "cam_20261331_2200", "20260131991500"] {
-            assert_eq!(start(name), None, "{name}");
-        }
     }
 }

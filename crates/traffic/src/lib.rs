@@ -36,7 +36,7 @@ mod vehicle;
 mod zone;
 mod zone_figures;
 
-pub use clock::{Clock, ClockError, start_in_name};
+pub use clock::{Clock, ClockError};
 pub use count::count_interval;
 pub use crossing::{Crossing, crossings};
 pub use figures::Figures;

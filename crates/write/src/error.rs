@@ -3,6 +3,7 @@
 use std::io;
 use std::path::{Path, PathBuf};
 
+use parquet::errors::ParquetError;
 use thiserror::Error;
 
 /// An error in reading or writing a file or a folder.
@@ -71,7 +72,7 @@ pub enum WriteError {
 impl WriteError {
     /// Returns a function that converts an I/O error to the variant for its cause. `doing` is the operation, such as
     /// `read`.
-    pub(crate) fn io(doing: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self + use<> {
+    pub fn io(doing: &'static str, path: &Path) -> impl FnOnce(io::Error) -> Self + use<> {
         let path = path.to_path_buf();
         move |source| match source.kind() {
             io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => Self::DiskFull { path },
@@ -91,6 +92,20 @@ impl WriteError {
                 csv::ErrorKind::Io(source) => Self::io(doing, &path)(source),
                 _ => Self::malformed(&path, what),
             }
+        }
+    }
+
+    /// Returns a function that converts an error of the Parquet library to the variant for its cause.
+    ///
+    /// The library wraps I/O errors. The kind of a wrapped I/O error determines the variant.
+    pub fn parquet(path: &Path) -> impl Fn(ParquetError) -> Self + use<> {
+        let path = path.to_path_buf();
+        move |error| match error {
+            ParquetError::External(source) => match source.downcast::<io::Error>() {
+                Ok(source) => Self::io("write", &path)(*source),
+                Err(other) => Self::malformed(&path, other),
+            },
+            other => Self::malformed(&path, other),
         }
     }
 

@@ -10,10 +10,12 @@
 //! - files of a result: `tracks.rs` (`parquet.rs`), `jsonl.rs` (poses, frames), `camera.rs`, `summary.rs` (`speed.rs`),
 //!   `evidence.rs`
 //! - files of the user: `constraints.rs`, `table.rs`, `track_samples.rs` (any table with tracks)
+//! - times of recording: `clip_time.rs`
 
 #![deny(missing_docs)]
 
 mod camera;
+mod clip_time;
 mod constraints;
 mod digits;
 mod error;
@@ -34,6 +36,7 @@ mod tracks;
 pub use camera::{
     CAMERA_SCHEMA, CameraFile, CameraSegment, FrameMotion, LensFile, read_camera, write_camera,
 };
+pub use clip_time::{civil_time, seconds_since_1970, start_in_name, time_in_name};
 pub use constraints::{CONSTRAINTS_SCHEMA, ConstraintsFile, LengthConstraint, read_constraints};
 pub use digits::{decimals, rounded_row};
 pub use error::WriteError;
@@ -42,7 +45,7 @@ pub use file::OutFile;
 pub use folder::{Existing, OutputFolder};
 pub use jsonl::{JsonLines, PoseLines, read_jsonl, write_json};
 pub use lock::FolderLock;
-pub use parquet::{TRACKS_SCHEMA, TrackParquet};
+pub use parquet::{GeometryColumn, TRACKS_SCHEMA, TrackParquet};
 pub use schema::{FRAMES_SCHEMA, POSES_SCHEMA, schema, schemas};
 pub use speed::{CpuMs, Speed};
 pub use spool::{FrameReader, FrameSpool, Recovered, read_scene_curves};

@@ -39,11 +39,21 @@ const ON_MAP_COLUMNS: &str = "
     optional double bearing_deg;
 ";
 
+/// A last column `geometry` of a [`TrackParquet`], as GeoParquet defines it.
+#[derive(Clone, Debug)]
+pub struct GeometryColumn {
+    /// Value of the key `geo` in the file's metadata: a JSON object that describes the column.
+    pub geo: String,
+    /// Returns the geometry of a row as well-known binary. The numbers of the row are rounded as in the file.
+    pub of_row: fn(&TrackRow) -> Vec<u8>,
+}
+
 /// The file `tracks.parquet` in progress, compressed with zstd.
 pub struct TrackParquet {
     writer: SerializedFileWriter<OutFile>,
     rows: Vec<TrackRow>,
     on_map: bool,
+    geometry_of_row: Option<fn(&TrackRow) -> Vec<u8>>,
     path: std::path::PathBuf,
 }
 
@@ -54,19 +64,35 @@ impl TrackParquet {
     /// # Errors
     /// [`WriteError::Io`], [`WriteError::DiskFull`].
     pub fn create(path: &Path, on_map: bool) -> Result<Self, WriteError> {
-        let fail = |e| from_parquet(e, path);
+        Self::start(path, on_map, None)
+    }
+
+    /// Starts a file as [`TrackParquet::create`] does. The file also has a column with a geometry for each row.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`], [`WriteError::DiskFull`].
+    pub fn with_geometry(path: &Path, on_map: bool, geometry: GeometryColumn) -> Result<Self, WriteError> {
+        Self::start(path, on_map, Some(geometry))
+    }
+
+    fn start(path: &Path, on_map: bool, geometry: Option<GeometryColumn>) -> Result<Self, WriteError> {
+        let fail = WriteError::parquet(path);
         let more = if on_map { ON_MAP_COLUMNS } else { "" };
-        let schema = parse_message_type(&format!("message tracks {{ {COLUMNS} {more} }}")).map_err(fail)?;
-        let level = ZstdLevel::try_new(3).map_err(fail)?;
-        let note = KeyValue::new("schema".to_owned(), TRACKS_SCHEMA.to_owned());
+        let last = if geometry.is_some() { "required binary geometry;" } else { "" };
+        let schema =
+            parse_message_type(&format!("message tracks {{ {COLUMNS} {more} {last} }}")).map_err(&fail)?;
+        let level = ZstdLevel::try_new(3).map_err(&fail)?;
+        let mut notes = vec![KeyValue::new("schema".to_owned(), TRACKS_SCHEMA.to_owned())];
+        notes.extend(geometry.as_ref().map(|column| KeyValue::new("geo".to_owned(), column.geo.clone())));
         let properties = WriterProperties::builder()
             .set_compression(Compression::ZSTD(level))
             .set_created_by("roadplane".to_owned())
-            .set_key_value_metadata(Some(vec![note]))
+            .set_key_value_metadata(Some(notes))
             .build();
         let file = OutFile::create(path)?;
         let writer = SerializedFileWriter::new(file, Arc::new(schema), Arc::new(properties)).map_err(fail)?;
-        Ok(Self { writer, rows: Vec::new(), on_map, path: path.to_path_buf() })
+        let geometry_of_row = geometry.map(|column| column.of_row);
+        Ok(Self { writer, rows: Vec::new(), on_map, geometry_of_row, path: path.to_path_buf() })
     }
 
     /// Appends a row. Its numbers are rounded to a fixed number of decimals.
@@ -89,16 +115,20 @@ impl TrackParquet {
         if !self.rows.is_empty() {
             self.write_group()?;
         }
-        self.writer.into_inner().map_err(|e| from_parquet(e, &self.path))?.finish()
+        self.writer.into_inner().map_err(WriteError::parquet(&self.path))?.finish()
     }
 
     fn write_group(&mut self) -> Result<(), WriteError> {
         let rows = std::mem::take(&mut self.rows);
-        let mut group = self.writer.next_row_group().map_err(|e| from_parquet(e, &self.path))?;
+        let fail = WriteError::parquet(&self.path);
+        let mut group = self.writer.next_row_group().map_err(&fail)?;
         write_columns(&mut group, &rows)
             .and_then(|()| if self.on_map { write_on_map(&mut group, &rows) } else { Ok(()) })
+            .and_then(|()| {
+                self.geometry_of_row.map_or(Ok(()), |of_row| write_geometry(&mut group, &rows, of_row))
+            })
             .and_then(|()| group.close().map(drop))
-            .map_err(|e| from_parquet(e, &self.path))
+            .map_err(fail)
     }
 }
 
@@ -169,6 +199,15 @@ fn write_on_map(
     numbers(group, &[|at| at.bearing_deg])
 }
 
+fn write_geometry(
+    group: &mut SerializedRowGroupWriter<'_, OutFile>,
+    rows: &[TrackRow],
+    of_row: fn(&TrackRow) -> Vec<u8>,
+) -> Result<(), ParquetError> {
+    let geometries: Vec<ByteArray> = rows.iter().map(|row| ByteArray::from(of_row(row))).collect();
+    column::<ByteArrayType>(group, &geometries, None)
+}
+
 fn doubles(rows: &[TrackRow], of: fn(&TrackRow) -> f64) -> Vec<f64> {
     rows.iter().map(of).collect()
 }
@@ -187,17 +226,4 @@ fn column<T: DataType>(
     let (definition, repetition) = levels.map_or((None, None), |(d, r)| (Some(d), r));
     column.typed::<T>().write_batch(values, definition, repetition)?;
     column.close()
-}
-
-/// Converts an error of the Parquet library to a [`WriteError`].
-///
-/// The library wraps I/O errors. The kind of a wrapped I/O error determines the variant.
-fn from_parquet(error: ParquetError, path: &Path) -> WriteError {
-    match error {
-        ParquetError::External(source) => match source.downcast::<std::io::Error>() {
-            Ok(source) => WriteError::io("write", path)(*source),
-            Err(other) => WriteError::malformed(path, other),
-        },
-        other => WriteError::malformed(path, other),
-    }
 }

@@ -10,7 +10,8 @@ pub struct ExportArgs {
     /// Folder of the finished run, DIR/<name>.
     #[arg(value_name = "RUN")]
     pub run: Option<PathBuf>,
-    /// Formats, separated by commas; `list` lists the formats and their contents.
+    /// Formats, separated by commas; `list` lists the formats and their contents; `all` writes every format whose data
+    /// the run has.
     #[arg(long, value_name = "F", value_delimiter = ',', required = true)]
     pub format: Vec<String>,
     /// Output folder; each format gets FOLDER/<format>/, which appears only when it is complete.

@@ -19,15 +19,16 @@ pub fn export(args: &ExportArgs) -> anyhow::Result<Outcome> {
     if args.format.iter().any(|name| name == "list") {
         let holds = FORMATS.iter().map(|format| (format.name, format.holds));
         for (name, holds) in holds.chain(ELSEWHERE) {
-            writeln!(stdout(), "{name:9} {holds}")?;
+            writeln!(stdout(), "{name:10} {holds}")?;
         }
         return Ok(Outcome::Done);
     }
     let (Some(run), Some(out)) = (&args.run, &args.out) else {
         return Err(PipelineError::usage("export needs the folder of a run and --out FOLDER").into());
     };
-    let mut formats: Vec<&Format> = Vec::new();
-    for name in &args.format {
+    let is_all = args.format.iter().any(|name| name == "all");
+    let mut formats: Vec<&Format> = if is_all { FORMATS.iter().collect() } else { Vec::new() };
+    for name in args.format.iter().filter(|name| *name != "all") {
         let format = Format::of(name).ok_or_else(|| unknown(name))?;
         if !formats.iter().any(|listed| listed.name == format.name) {
             formats.push(format);
@@ -42,12 +43,27 @@ pub fn export(args: &ExportArgs) -> anyhow::Result<Outcome> {
             tracing::warn!("{warning}");
         }
     }
+    if is_all {
+        formats.retain(|format| is_possible(format, &run));
+        for (name, how) in ELSEWHERE {
+            tracing::info!("left out: this command cannot write {name}: {how}");
+        }
+    }
     let _lock = FolderLock::acquire(out).map_err(PipelineError::from)?;
     let existing = if args.overwrite { Existing::Overwrite } else { Existing::Refuse };
     for folder in write(&run, &formats, out, existing).map_err(PipelineError::from)? {
         tracing::info!("{}", folder.display());
     }
     Ok(Outcome::Done)
+}
+
+/// Returns whether a run has the data that a format needs. If not, the log gets the reason.
+fn is_possible(format: &Format, run: &Run) -> bool {
+    let reason = format.lacks(run);
+    if let Some(reason) = &reason {
+        tracing::info!("left out: the format {} {reason}", format.name);
+    }
+    reason.is_none()
 }
 
 fn unknown(name: &str) -> PipelineError {

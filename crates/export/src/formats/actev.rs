@@ -26,14 +26,14 @@ pub fn activity_name(ours: &str) -> String {
     format!("vehicle_{theirs}")
 }
 
+/// Returns the reason why a run cannot be written for the scorer; `None` if it can be written.
+pub fn lacks(run: &Run) -> Option<String> {
+    run.events.is_none().then(|| "needs activities, and the run has none (no activities.jsonl)".to_owned())
+}
+
 /// Writes the system output, the file index and the activity index.
 pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
-    let Some(events) = &run.events else {
-        return Err(WriteError::Lacks {
-            what: "the format actev needs activities, and the run has none (no activities.jsonl)".to_owned(),
-            path: run.folder.clone(),
-        });
-    };
+    let events = run.events.as_deref().unwrap_or_default();
     let tracks: BTreeMap<u64, &Track> = run.tracks.iter().map(|track| (track.id, track)).collect();
     let activities: Vec<Value> = events
         .iter()

@@ -1,10 +1,25 @@
 //! Functions for files that several formats write.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
+use roadplane_base::TrackRow;
 use roadplane_write::{OutFile, WriteError, write_json};
 
-use crate::Run;
+use crate::{Run, RunSegment, Track};
+
+/// Returns the rows of a segment by frame. The rows of a frame are sorted by track number. Frames without rows are
+/// missing.
+pub(super) fn by_frame<'a>(
+    run: &'a Run,
+    segment: &RunSegment,
+) -> BTreeMap<u64, Vec<(&'a Track, &'a TrackRow)>> {
+    let mut by_frame: BTreeMap<u64, Vec<(&Track, &TrackRow)>> = BTreeMap::new();
+    for (track, row) in run.rows().into_iter().filter(|(_, row)| segment.contains(row)) {
+        by_frame.entry(row.frame).or_default().push((track, row));
+    }
+    by_frame
+}
 
 /// Writes the camera's position on the map to `NAME.place.json`. If the run has no position on the map, nothing is
 /// written.

@@ -3,12 +3,12 @@
 //! In SUMO, the position of a vehicle is the middle of its front bumper. The angle of a vehicle is measured clockwise
 //! from the y axis, in degrees. Each vehicle has its own vehicle type, which contains the vehicle's dimensions.
 
-use std::collections::BTreeMap;
 use std::path::Path;
 
 use roadplane_base::{TrackRow, VehicleClass};
 use roadplane_write::WriteError;
 
+use super::files::by_frame;
 use crate::{Element, Run, RunSegment, Track, fixed};
 
 /// Writes two files per segment: the time steps, and the vehicle types.
@@ -21,16 +21,12 @@ pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
 }
 
 fn steps(run: &Run, segment: &RunSegment) -> Element {
-    let mut by_frame: BTreeMap<u64, Vec<(&Track, &TrackRow)>> = BTreeMap::new();
-    for (track, row) in run.rows().into_iter().filter(|(_, row)| segment.contains(row)) {
-        by_frame.entry(row.frame).or_default().push((track, row));
-    }
     let step = |rows: &Vec<(&Track, &TrackRow)>| {
         let time_s = rows.first().map_or(0.0, |(_, row)| row.time_s);
         let vehicles = rows.iter().map(|(track, row)| vehicle(track, row));
         Element::new("timestep").with("time", fixed(time_s, 6)).holding(vehicles)
     };
-    Element::new("fcd-export").holding(by_frame.values().map(step))
+    Element::new("fcd-export").holding(by_frame(run, segment).values().map(step))
 }
 
 fn vehicle(track: &Track, row: &TrackRow) -> Element {

@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 use std::path::{Path, PathBuf};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::time::UNIX_EPOCH;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -18,7 +18,7 @@ use roadplane_base::{CameraEstimate, CameraEvidence, ClipIdentity, ImageSize};
 use roadplane_calibrate::{Epoch, SameView, epochs, fuse};
 use roadplane_view::ViewError;
 use roadplane_watch::BackgroundPicture;
-use roadplane_write::{EvidenceStore, InputSummary, WriteError, is_camera_id};
+use roadplane_write::{EvidenceStore, InputSummary, WriteError, civil_time, is_camera_id, time_in_name};
 
 use crate::cameras::joining::fuse_options;
 use crate::{CameraConstraints, Config, PipelineError, stem_of};
@@ -254,43 +254,15 @@ pub fn merge_cameras(from: &[PathBuf], out: &Path) -> Result<usize, PipelineErro
     Ok(added)
 }
 
-/// Returns a time from a file's name, in any notation such as `20260131T235959` or `2026-01-31_23-59-59`.
-fn time_in_name(name: &str) -> Option<String> {
-    let form = r"(20\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[-_.T ]?(\d\d)[-_.:]?(\d\d)[-_.:]?(\d\d)";
-    let found = Regex::new(form).ok()?.captures(name)?;
-    let part = |i: usize| found.get(i).and_then(|m| m.as_str().parse::<u32>().ok());
-    let within = |i: usize, range: std::ops::RangeInclusive<u32>| part(i).filter(|v| range.contains(v));
-    let (year, month, day) = (part(1)?, within(2, 1..=12)?, within(3, 1..=31)?);
-    let (hour, minute, second) = (within(4, 0..=23)?, within(5, 0..=59)?, within(6, 0..=60)?);
-    Some(format!("{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}"))
-}
-
 /// Returns the time when a file was last changed, UTC.
 fn modified(input: &Path) -> String {
     let changed = input.metadata().and_then(|metadata| metadata.modified()).unwrap_or(UNIX_EPOCH);
-    time_in_words(changed)
-}
-
-/// Returns the civil time of the proleptic Gregorian calendar, UTC.
-///
-/// The algorithm is that of H. Hinnant, "chrono-compatible low-level date algorithms".
-fn time_in_words(time: SystemTime) -> String {
-    let seconds = time.duration_since(UNIX_EPOCH).unwrap_or_default().as_secs();
-    let (days, rest) = (seconds / 86_400 + 719_468, seconds % 86_400);
-    let (era, day_of_era) = (days / 146_097, days % 146_097);
-    let year_of_era = (day_of_era - day_of_era / 1460 + day_of_era / 36_524 - day_of_era / 146_096) / 365;
-    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
-    let shifted = (5 * day_of_year + 2) / 153;
-    let day = day_of_year - (153 * shifted + 2) / 5 + 1;
-    let month = if shifted < 10 { shifted + 3 } else { shifted - 9 };
-    let year = year_of_era + era * 400 + u64::from(month <= 2);
-    format!("{year:04}-{month:02}-{day:02}T{:02}:{:02}:{:02}", rest / 3600, rest / 60 % 60, rest % 60)
+    civil_time(changed.duration_since(UNIX_EPOCH).unwrap_or_default().as_secs().cast_signed())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::time::Duration;
 
     #[test]
     fn a_camera_is_named_or_found_in_the_files_name() {
@@ -303,19 +275,5 @@ mod tests {
         {
             assert!(matches!(of(id, file), Err(PipelineError::Usage { .. })), "{id} {file}");
         }
-    }
-
-    #[test]
-    fn times_are_read_from_names_or_the_clock_of_the_file() {
-        let told = Some("2026-01-31T23:59:59".to_owned());
-        for name in ["c_20260131T235959", "2026-01-31_23-59-59", "x20260131235959y"] {
-            assert_eq!(time_in_name(name), told, "{name}");
-        }
-        assert_eq!(time_in_name("20261331235959"), None);
-        assert_eq!(time_in_name("VIRAT_S_040100"), None);
-        let at = |seconds| time_in_words(UNIX_EPOCH + Duration::from_secs(seconds));
-        assert_eq!(at(0), "1970-01-01T00:00:00");
-        assert_eq!(at(951_782_400 + 86_399), "2000-02-29T23:59:59");
-        assert_eq!(at(1_769_903_999), "2026-01-31T23:59:59");
     }
 }

@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use roadplane_base::{Homography, PictureVerdict, Shape, ShapeAtlas};
-use roadplane_traffic::{Clip, Clock, start_in_name};
+use roadplane_traffic::{Clip, Clock};
 use roadplane_write::{
     CameraFile, CameraSegment, FrameMotion, Summary, WriteError, read_camera, read_summary,
-    read_track_samples,
+    read_track_samples, start_in_name,
 };
 
 use super::samples::Vehicles;
