@@ -99,8 +99,7 @@ impl Images {
                                 },
                                 |error| error.to_string(),
                             );
-                            report.warn(format!("frame {index} is left out: {why}"));
-                            report.lost(index, 1, stamp.time_s());
+                            report.left_out(index, stamp.time_s(), &why);
                             continue;
                         }
                     };

@@ -173,16 +173,9 @@ impl Input {
         if made_up > 0 {
             self.report.warn(format!("{made_up} frames had no usable time, so their times were invented"));
         }
-        let DecodeReport { missing, expected, damaged_stretch_count: intervals, .. } = self.report;
-        if missing > 0 {
-            self.report.warn(format!("frames lost: {missing} of {expected}, in {intervals} place(s)"));
-        }
-        let broken = self.report.broken_packets;
-        if broken > 0 {
-            self.report.warn(format!("packets with broken slices, whose pictures may be damaged: {broken}"));
-        }
-        if self.report.cut_short {
-            self.report.warn("the file is cut short");
+        // The sentence is not stored: a file that is read in pieces gets one sentence from the sum of its pieces.
+        if let Some(damage) = self.report.damage_in_words() {
+            tracing::warn!("{damage}");
         }
     }
 

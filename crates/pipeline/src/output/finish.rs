@@ -120,10 +120,7 @@ fn summary_of(perceived: &Perceived, solution: &ClipSolution, config: &Config) -
     counts.frames_read = decode.decoded;
     counts.frames_lost = decode.missing;
     counts.frames_skipped = decode.decoded.saturating_sub(decode.delivered);
-    if decode.missing > 0 {
-        let (lost, gaps) = (decode.missing, decode.damaged_stretch_count);
-        summary.warnings.push(format!("{lost} frames in {gaps} gaps could not be decoded"));
-    }
+    summary.warnings.extend(decode.damage_in_words());
     note_solution(&mut summary, solution);
     if perceived.rejected_cars > 0 {
         summary.counts.rejected.insert("keypoints_not_finite".to_owned(), perceived.rejected_cars);
