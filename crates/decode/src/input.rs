@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use image::RgbImage;
 use roadplane_base::{Frame, FrameStamp, ImageSize};
 
+use crate::address::refuse_address;
 use crate::decoded::Decoded;
 use crate::folder::Images;
 use crate::sniff::sniff;
@@ -65,6 +66,7 @@ fn open_source(
     counted_from_s: Option<f64>,
 ) -> Result<Input, DecodeError> {
     options.check()?;
+    refuse_address(path)?;
     let mut report = DecodeReport::default();
     let metadata =
         path.metadata().map_err(|source| DecodeError::Unreadable { source, path: path.to_path_buf() })?;

@@ -222,7 +222,9 @@ fn disguised_and_foreign_files_are_refused() {
         let refused = open(&path, &DecodeOptions::default());
         assert!(matches!(refused, Err(DecodeError::NotMedia { .. })), "{}", path.display());
     }
-    for absent in ["http://127.0.0.1/clip.mp4", "concat:a.ts|b.ts", "nothing.mp4"] {
+    let address = open(Path::new("http://127.0.0.1/clip.mp4"), &DecodeOptions::default());
+    assert!(matches!(address, Err(DecodeError::Stream { .. })));
+    for absent in ["concat:a.ts|b.ts", "nothing.mp4"] {
         let refused = open(Path::new(absent), &DecodeOptions::default());
         assert!(matches!(refused, Err(DecodeError::Unreadable { .. })), "{absent}");
     }
