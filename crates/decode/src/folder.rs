@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use roadplane_base::FrameStamp;
 
-use crate::options::Verdict;
+use crate::options::{ASSUMED_IMAGE_FPS, Verdict};
 use crate::sniff::{has_image_name, sniff};
 use crate::still;
 use crate::{Content, DecodeError, DecodeOptions, DecodeReport, Decoded};
@@ -30,7 +30,11 @@ impl Images {
 
     /// Collects all images in a folder, without its subfolders. They are sorted by name, and numbers in the names are
     /// compared as numbers.
-    pub(crate) fn in_folder(folder: &Path, report: &mut DecodeReport) -> Result<Self, DecodeError> {
+    pub(crate) fn in_folder(
+        folder: &Path,
+        options: &DecodeOptions,
+        report: &mut DecodeReport,
+    ) -> Result<Self, DecodeError> {
         let unreadable = |source| DecodeError::Unreadable { source, path: folder.to_path_buf() };
         let mut paths = Vec::new();
         let mut ignored = 0_u64;
@@ -58,6 +62,12 @@ impl Images {
         if ignored > 0 {
             report.warn(format!("{ignored} files of the folder are neither image nor video and are ignored"));
         }
+        if paths.len() > 1 && options.image_fps.is_none() {
+            report.warn(format!(
+                "images have no times: {ASSUMED_IMAGE_FPS} frames/s are assumed, and all speeds depend on this rate; \
+                 give the true rate with --image-fps"
+            ));
+        }
         paths.sort_by(|a, b| natural_order(&a.to_string_lossy(), &b.to_string_lossy()));
         Ok(Self::new(paths))
     }
@@ -76,7 +86,7 @@ impl Images {
         for path in self.paths.by_ref() {
             let index = self.next_index;
             self.next_index += 1;
-            let pts_nanos = (index as f64 / options.image_fps * 1e9).round() as i64;
+            let pts_nanos = (index as f64 / options.image_rate() * 1e9).round() as i64;
             let stamp = FrameStamp { index, pts_nanos };
             match options.verdict(index, pts_nanos, report.delivered) {
                 Verdict::Over => return Ok(None),

@@ -71,7 +71,7 @@ fn open_source(
     let metadata =
         path.metadata().map_err(|source| DecodeError::Unreadable { source, path: path.to_path_buf() })?;
     let (mut source, kind) = if metadata.is_dir() {
-        (Source::Images(Images::in_folder(path, &mut report)?), InputKind::Folder)
+        (Source::Images(Images::in_folder(path, options, &mut report)?), InputKind::Folder)
     } else {
         let content = sniff(path)?;
         if content.is_image() {
@@ -221,7 +221,7 @@ impl Input {
     pub fn nominal_fps(&self) -> f64 {
         match &self.source {
             Source::Video(video) => video.fps(),
-            Source::Images(_) => self.options.image_fps,
+            Source::Images(_) => self.options.image_rate(),
         }
     }
 

@@ -49,6 +49,6 @@ pub use decoded::Decoded;
 pub use error::DecodeError;
 pub use input::{Input, InputKind, open, open_part};
 pub use library::{backends, library_version};
-pub use options::DecodeOptions;
+pub use options::{ASSUMED_IMAGE_FPS, DecodeOptions};
 pub use report::{DamagedInterval, DecodeReport};
 pub use sniff::{Content, sniff};

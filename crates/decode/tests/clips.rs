@@ -241,9 +241,13 @@ fn folders_are_clips_in_natural_order() {
     }
     std::fs::write(folder.path().join("notes.txt"), "ignored").unwrap();
     std::fs::write(folder.path().join("f5.png"), "spoilt").unwrap();
-    let options = DecodeOptions { image_fps: 10.0, ..DecodeOptions::default() };
+    let options = DecodeOptions { image_fps: Some(10.0), ..DecodeOptions::default() };
     let mut input = open(folder.path(), &options).unwrap();
     assert_eq!((input.kind(), input.frames_hint()), (InputKind::Folder, Some(12)));
+    assert!(input.report().warnings.iter().all(|warning| !warning.contains("frames/s")));
+    let assumed = open(folder.path(), &DecodeOptions::default()).unwrap();
+    let rate = "images have no times: 30 frames/s are assumed, and all speeds depend on this rate";
+    assert!(assumed.report().warnings.iter().any(|warning| warning.starts_with(rate)));
     let mut seen = Vec::new();
     while let Some(frame) = input.next_frame().unwrap() {
         assert!((frame.stamp.time_s() - frame.stamp.index as f64 / 10.0).abs() < 1e-9);

@@ -16,7 +16,8 @@ use roadplane_terminal::{Bar, Outcome};
 
 /// Processes all inputs. If an input fails, the command continues with the next input.
 pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = args.config.load()?;
+    let image_fps = args.image_fps.map(|fps| format!("decode.image_fps={fps:?}"));
+    let config = args.config.load_with(image_fps.as_slice())?;
     let constraints = args.known.read_for_database(args.cameras.is_some())?;
     if args.piece.is_some() && args.inputs.len() > 1 {
         return Err(PipelineError::usage("--piece takes exactly one input").into());
