@@ -145,7 +145,7 @@ pub struct LabArgs {
 /// Arguments of `roadplane run`.
 #[derive(Debug, Args)]
 pub struct RunArgs {
-    /// Videos, images, or folders of images (a folder is one clip).
+    /// Videos, images, folders of images (such a folder is one clip), or folders of videos.
     #[arg(required = true, value_name = "INPUT")]
     pub inputs: Vec<PathBuf>,
     /// Output folder; each input gets DIR/<name>/, which appears only when it is complete.

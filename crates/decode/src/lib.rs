@@ -47,6 +47,7 @@ mod video;
 pub use address::refuse_address;
 pub use decoded::Decoded;
 pub use error::DecodeError;
+pub use folder::FolderContent;
 pub use input::{Input, InputKind, open, open_part};
 pub use library::{backends, library_version};
 pub use options::{ASSUMED_IMAGE_FPS, DecodeOptions};

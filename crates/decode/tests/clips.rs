@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use opencv::core::{Mat, Scalar, Size};
 use opencv::prelude::*;
 use opencv::videoio::{CAP_FFMPEG, VideoWriter};
-use roadplane_decode::{DecodeError, DecodeOptions, DecodeReport, Input, InputKind, open};
+use roadplane_decode::{DecodeError, DecodeOptions, DecodeReport, FolderContent, Input, InputKind, open};
 
 const FRAMES: u64 = 60;
 const FPS: f64 = 25.0;
@@ -256,6 +256,13 @@ fn folders_are_clips_in_natural_order() {
     assert_eq!(seen, [1, 2, 3, 4, 6, 7, 8, 9, 10, 11, 12]);
     assert_eq!((input.report().missing, input.report().expected), (1, 12));
     write_clip(&folder.path().join("z.avi"), b"MJPG");
+    std::fs::write(folder.path().join("y.mp4"), "").unwrap();
+    let content = FolderContent::of(folder.path()).unwrap();
+    let names: Vec<_> = content.videos.iter().map(|path| path.file_name().unwrap()).collect();
+    assert_eq!(
+        (content.images.len(), content.ignored, names),
+        (12, 1, vec!["y.mp4".as_ref(), "z.avi".as_ref()])
+    );
     assert!(matches!(open(folder.path(), &options), Err(DecodeError::NotMedia { .. })));
 }
 
