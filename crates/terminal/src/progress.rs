@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn only_a_known_number_of_frames_is_shown() {
+    fn a_total_is_shown_only_if_it_is_given() {
         let bar = Bar::new("lot");
         assert_eq!(bar.bar.length(), None);
         bar.expect(Some(90));

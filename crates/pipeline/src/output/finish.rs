@@ -136,6 +136,8 @@ pub fn note_solution(summary: &mut Summary, solution: &ClipSolution) {
     counts.poses_used = solution.poses_used;
     counts.tracks = solution.shapes.len() as u64;
     counts.track_rows = solution.row_count;
+    summary.status = solution.status(summary.status == RunStatus::InputDamaged);
+    summary.exit_code = if summary.status == RunStatus::Complete { 0 } else { 3 };
     solution.not_followed.note(summary);
     summary.known = solution.cameras.constraints().to_vec();
     summary.scene_lines = solution.cameras.scene().iter().map(SceneView::summary).collect();
