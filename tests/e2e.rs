@@ -14,3 +14,4 @@ mod pieces;
 mod real_clips;
 mod reliability;
 mod scene_lines;
+mod terminal;

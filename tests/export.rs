@@ -183,3 +183,53 @@ fn surveyed_points_that_were_not_given_are_predicted_within_their_sds() {
     // Other people evaluated the survey alone, and found 613 ± 18 px and 3.95 m.
     assert!((all.focal_px - 613.0).abs() < 2.0 * 18.0 && (all.height_m - 3.95).abs() < 0.2);
 }
+
+#[test]
+fn surveyed_points_that_contradict_the_camera_change_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = |name: &str| folder.path().join(name);
+    let few = ["--set", "decode.max_frames=60"];
+    let piece = roadplane()
+        .args(["run", "tests/data/lot.mp4", "--piece", "0-", "--out"])
+        .arg(at("p"))
+        .args(few)
+        .assert();
+    piece.code(0);
+    let join = |out: &str, points: &[&str]| {
+        let mut command = roadplane();
+        command.arg("join").arg(at("p/lot.piece-000000")).arg("--out").arg(at(out)).args(few);
+        if !points.is_empty() {
+            let file = at("points.csv");
+            std::fs::write(&file, points.join("\n")).unwrap();
+            command.arg("--geo").arg(file);
+        }
+        command.assert()
+    };
+    join("plain", &[]).code(0);
+    // These are the points of the book's chapter on the map, with latitude and longitude swapped.
+    let swapped = [
+        "197,397,13.7403077,51.0499307",
+        "457,222,13.7404137,51.0498413",
+        "799,499,13.7401678,51.0498895",
+        "864,257,13.7402776,51.0497994",
+    ];
+    join("swapped", &swapped).code(3);
+    for file in ["camera.json", "tracks.csv", "poses.jsonl"] {
+        let read = |run: &str| std::fs::read(at(run).join("lot").join(file)).unwrap();
+        assert!(read("plain") == read("swapped"), "{file}");
+    }
+    let result = at("swapped/lot");
+    assert!(!result.join("place.json").exists() && !result.join("tracks.geojson").exists());
+    let summary = json(&result.join("summary.json"));
+    assert_eq!((&summary["status"], &summary["exit_code"]), (&"points_not_used".into(), &3.into()));
+    let warnings = summary["warnings"].to_string();
+    assert!(warnings.contains("probably latitude and longitude are swapped"), "{warnings}");
+    let right = swapped.map(|line| {
+        let [x, y, longitude, latitude] = line.split(',').collect::<Vec<_>>()[..] else {
+            panic!("four fields")
+        };
+        format!("{x},{y},{latitude},{longitude}")
+    });
+    join("right", &right.each_ref().map(String::as_str)).code(0);
+    assert!(at("right/lot/place.json").exists());
+}

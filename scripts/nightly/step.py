@@ -32,7 +32,12 @@ LAST_ATTEMPT = 3
 INPUT_AT_FAULT = 3
 SAID_LINES = 20
 # Outcome of a clip by the `status` of its summary.json.
-OUTCOME_OF_RUN = {"complete": "done", "partly_followed": "partly followed", "input_damaged": "damaged"}
+OUTCOME_OF_RUN = {
+    "complete": "done",
+    "partly_followed": "partly followed",
+    "input_damaged": "damaged",
+    "points_not_used": "done",
+}
 # Fields of camera.json that describe a camera.
 CAMERA = ("status", "focal_px", "focal_sd_px", "height_m", "height_sd_m", "tilt_rad", "tilt_sd_rad")
 

@@ -149,7 +149,7 @@ pub struct LabArgs {
 /// Arguments of `roadplane run`.
 #[derive(Debug, Args)]
 pub struct RunArgs {
-    /// Videos, images, or folders of images (a folder is one clip).
+    /// Videos, images, folders of images (such a folder is one clip), or folders of videos.
     #[arg(required = true, value_name = "INPUT")]
     pub inputs: Vec<PathBuf>,
     /// Output folder; each input gets DIR/<name>/, which appears only when it is complete.
@@ -191,6 +191,10 @@ pub struct RunArgs {
     /// was last seen empty.
     #[arg(long)]
     pub background: bool,
+    /// Frame rate of the images of a folder, 1/s; the same as --set decode.image_fps=F. Without it 30 frames/s are
+    /// assumed, and all speeds depend on that rate.
+    #[arg(long, value_name = "F")]
+    pub image_fps: Option<f64>,
     /// Write counts in Prometheus' text format at the end, for its textfile collector.
     #[arg(long, value_name = "FILE")]
     pub metrics_file: Option<PathBuf>,

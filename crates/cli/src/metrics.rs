@@ -77,7 +77,7 @@ impl Metrics {
                 let state = match report.status {
                     RunStatus::InputDamaged => &counts.damaged,
                     RunStatus::PartlyFollowed => &counts.partly_followed,
-                    RunStatus::Complete => &counts.done,
+                    RunStatus::Complete | RunStatus::PointsNotUsed => &counts.done,
                 };
                 state.fetch_add(1, Relaxed);
                 counts.tracks.fetch_add(report.tracks.unwrap_or(0), Relaxed);

@@ -15,6 +15,18 @@ pub enum DecodeError {
         /// The input.
         path: PathBuf,
     },
+    /// The input is the address of a stream, and not a file.
+    #[error(
+        "streams are not read; record them: {address}\nThis command cuts the stream into clips of ten minutes, named \
+         by camera and time:\n  ffmpeg {transport}-i '{address}' -c copy -f segment -segment_time 600 \
+         -reset_timestamps 1 -strftime 1 'clips/CAMERA_%Y%m%d_%H%M%S.mp4'"
+    )]
+    Stream {
+        /// The address, without a password.
+        address: String,
+        /// Options of ffmpeg for the transport.
+        transport: &'static str,
+    },
     /// The content is not of a kind that this crate decodes. The file's name does not matter.
     #[error("not a video or an image: {what}: {}", path.display())]
     NotMedia {

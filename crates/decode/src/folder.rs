@@ -1,14 +1,57 @@
-//! Reads a folder of images as a clip, and a single image as a clip of one frame.
+//! Lists the media files in a folder. Reads a folder of images as a clip, and a single image as a clip of one frame.
 
 use std::cmp::Ordering;
 use std::path::{Path, PathBuf};
 
 use roadplane_base::FrameStamp;
 
-use crate::options::Verdict;
-use crate::sniff::{has_image_name, sniff};
+use crate::options::{ASSUMED_IMAGE_FPS, Verdict};
+use crate::sniff::{has_image_name, has_video_name, sniff};
 use crate::still;
 use crate::{Content, DecodeError, DecodeOptions, DecodeReport, Decoded};
+
+/// The media files in a folder, without its subfolders and hidden files.
+///
+/// Files are sorted by name, and numbers in the names are compared as numbers.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct FolderContent {
+    /// Paths of the images.
+    pub images: Vec<PathBuf>,
+    /// Paths of the videos, including damaged files with the name of a video.
+    pub videos: Vec<PathBuf>,
+    /// Number of all other files.
+    pub ignored: u64,
+}
+
+impl FolderContent {
+    /// Lists the media files in a folder.
+    ///
+    /// # Errors
+    /// [`DecodeError::Unreadable`] if the folder cannot be read.
+    pub fn of(folder: &Path) -> Result<Self, DecodeError> {
+        let unreadable = |source| DecodeError::Unreadable { source, path: folder.to_path_buf() };
+        let mut content = Self::default();
+        for entry in std::fs::read_dir(folder).map_err(unreadable)? {
+            let path = entry.map_err(unreadable)?.path();
+            let hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
+            if hidden || path.is_dir() {
+                continue;
+            }
+            // A damaged image must still count as a frame, and a damaged video as a clip. So the name alone can decide
+            // here. The content is checked when the file is read.
+            match if has_image_name(&path) { Ok(Content::Png) } else { sniff(&path) } {
+                Ok(content_of_file) if content_of_file.is_image() => content.images.push(path),
+                Ok(_) => content.videos.push(path),
+                Err(_) if has_video_name(&path) => content.videos.push(path),
+                Err(_) => content.ignored += 1,
+            }
+        }
+        for paths in [&mut content.images, &mut content.videos] {
+            paths.sort_by(|a, b| natural_order(&a.to_string_lossy(), &b.to_string_lossy()));
+        }
+        Ok(content)
+    }
+}
 
 /// The images of a clip, in the order of its frames.
 pub(crate) struct Images {
@@ -28,37 +71,30 @@ impl Images {
         Self { count: paths.len() as u64, paths: paths.into_iter(), next_index: 0, size: None }
     }
 
-    /// Collects all images in a folder, without its subfolders. They are sorted by name, and numbers in the names are
-    /// compared as numbers.
-    pub(crate) fn in_folder(folder: &Path, report: &mut DecodeReport) -> Result<Self, DecodeError> {
-        let unreadable = |source| DecodeError::Unreadable { source, path: folder.to_path_buf() };
-        let mut paths = Vec::new();
-        let mut ignored = 0_u64;
-        for entry in std::fs::read_dir(folder).map_err(unreadable)? {
-            let path = entry.map_err(unreadable)?.path();
-            let hidden = path.file_name().is_some_and(|name| name.to_string_lossy().starts_with('.'));
-            if hidden || path.is_dir() {
-                continue;
-            }
-            // A damaged image must still count as a frame, so its name alone decides here. The content is checked when
-            // the image is read.
-            match if has_image_name(&path) { Ok(Content::Png) } else { sniff(&path) } {
-                Ok(content) if content.is_image() => paths.push(path),
-                Ok(_) => {
-                    let what = "a folder may contain images only; pass its videos one by one".to_owned();
-                    return Err(DecodeError::NotMedia { what, path });
-                }
-                Err(_) => ignored += 1,
-            }
+    /// Opens all images in a folder.
+    pub(crate) fn in_folder(
+        folder: &Path,
+        options: &DecodeOptions,
+        report: &mut DecodeReport,
+    ) -> Result<Self, DecodeError> {
+        let FolderContent { images: paths, videos, ignored } = FolderContent::of(folder)?;
+        if let Some(path) = videos.into_iter().next() {
+            let what = "a folder may contain images only; pass its videos one by one".to_owned();
+            return Err(DecodeError::NotMedia { what, path });
         }
         if paths.is_empty() {
-            let what = "the folder contains no image".to_owned();
+            let what = "the folder contains no image and no video".to_owned();
             return Err(DecodeError::NotMedia { what, path: folder.to_path_buf() });
         }
         if ignored > 0 {
             report.warn(format!("{ignored} files of the folder are neither image nor video and are ignored"));
         }
-        paths.sort_by(|a, b| natural_order(&a.to_string_lossy(), &b.to_string_lossy()));
+        if paths.len() > 1 && options.image_fps.is_none() {
+            report.warn(format!(
+                "images have no times: {ASSUMED_IMAGE_FPS} frames/s are assumed, and all speeds depend on this rate; \
+                 give the true rate with --image-fps"
+            ));
+        }
         Ok(Self::new(paths))
     }
 
@@ -76,7 +112,7 @@ impl Images {
         for path in self.paths.by_ref() {
             let index = self.next_index;
             self.next_index += 1;
-            let pts_nanos = (index as f64 / options.image_fps * 1e9).round() as i64;
+            let pts_nanos = (index as f64 / options.image_rate() * 1e9).round() as i64;
             let stamp = FrameStamp { index, pts_nanos };
             match options.verdict(index, pts_nanos, report.delivered) {
                 Verdict::Over => return Ok(None),
@@ -99,8 +135,7 @@ impl Images {
                                 },
                                 |error| error.to_string(),
                             );
-                            report.warn(format!("frame {index} is left out: {why}"));
-                            report.lost(index, 1, stamp.time_s());
+                            report.left_out(index, stamp.time_s(), &why);
                             continue;
                         }
                     };

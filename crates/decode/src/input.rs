@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use image::RgbImage;
 use roadplane_base::{Frame, FrameStamp, ImageSize};
 
+use crate::address::refuse_address;
 use crate::decoded::Decoded;
 use crate::folder::Images;
 use crate::sniff::sniff;
@@ -65,11 +66,12 @@ fn open_source(
     counted_from_s: Option<f64>,
 ) -> Result<Input, DecodeError> {
     options.check()?;
+    refuse_address(path)?;
     let mut report = DecodeReport::default();
     let metadata =
         path.metadata().map_err(|source| DecodeError::Unreadable { source, path: path.to_path_buf() })?;
     let (mut source, kind) = if metadata.is_dir() {
-        (Source::Images(Images::in_folder(path, &mut report)?), InputKind::Folder)
+        (Source::Images(Images::in_folder(path, options, &mut report)?), InputKind::Folder)
     } else {
         let content = sniff(path)?;
         if content.is_image() {
@@ -173,16 +175,9 @@ impl Input {
         if made_up > 0 {
             self.report.warn(format!("{made_up} frames had no usable time, so their times were invented"));
         }
-        let DecodeReport { missing, expected, damaged_stretch_count: intervals, .. } = self.report;
-        if missing > 0 {
-            self.report.warn(format!("frames lost: {missing} of {expected}, in {intervals} place(s)"));
-        }
-        let broken = self.report.broken_packets;
-        if broken > 0 {
-            self.report.warn(format!("packets with broken slices, whose pictures may be damaged: {broken}"));
-        }
-        if self.report.cut_short {
-            self.report.warn("the file is cut short");
+        // The sentence is not stored: a file that is read in pieces gets one sentence from the sum of its pieces.
+        if let Some(damage) = self.report.damage_in_words() {
+            tracing::warn!("{damage}");
         }
     }
 
@@ -226,7 +221,7 @@ impl Input {
     pub fn nominal_fps(&self) -> f64 {
         match &self.source {
             Source::Video(video) => video.fps(),
-            Source::Images(_) => self.options.image_fps,
+            Source::Images(_) => self.options.image_rate(),
         }
     }
 

@@ -12,7 +12,8 @@
 //! Damage inside a packet with valid headers is not detected, because FFmpeg conceals it in the picture.
 //!
 //! # Contents
-//! - opening an input: [`open`] (`input.rs`); recognising its kind by its content (`sniff.rs`)
+//! - opening an input: [`open`] (`input.rs`); recognising its kind by its content (`sniff.rs`); refusing addresses
+//!   (`address.rs`)
 //! - reading each kind: `video.rs`, `still.rs`, `folder.rs`
 //! - finding lost frames for the [`DecodeReport`]: `packets.rs`, `structure.rs`, `clock.rs`
 //!
@@ -28,6 +29,7 @@
 //! # Ok::<(), roadplane_decode::DecodeError>(())
 //! ```
 
+mod address;
 mod clock;
 mod decoded;
 mod error;
@@ -42,10 +44,12 @@ mod still;
 mod structure;
 mod video;
 
+pub use address::refuse_address;
 pub use decoded::Decoded;
 pub use error::DecodeError;
+pub use folder::FolderContent;
 pub use input::{Input, InputKind, open, open_part};
 pub use library::{backends, library_version};
-pub use options::DecodeOptions;
+pub use options::{ASSUMED_IMAGE_FPS, DecodeOptions};
 pub use report::{DamagedInterval, DecodeReport};
 pub use sniff::{Content, sniff};

@@ -4,6 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::DecodeError;
 
+/// Frame rate of a folder of images if the user gives none, 1/s.
+pub const ASSUMED_IMAGE_FPS: f64 = 30.0;
+
 /// Options of the decoder: the frames to decode, and limits.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -21,8 +24,8 @@ pub struct DecodeOptions {
     pub max_pixels: u64,
     /// Highest frame rate that is accepted from a stream, 1/s. The frame rate is used only if the stream has no times.
     pub max_fps: f64,
-    /// Frame rate of folders of images, 1/s.
-    pub image_fps: f64,
+    /// Frame rate of folders of images, 1/s. `None`: [`ASSUMED_IMAGE_FPS`], with a warning.
+    pub image_fps: Option<f64>,
 }
 
 impl Default for DecodeOptions {
@@ -34,7 +37,7 @@ impl Default for DecodeOptions {
             max_frames: None,
             max_pixels: 4096 * 4096,
             max_fps: 240.0,
-            image_fps: 30.0,
+            image_fps: None,
         }
     }
 }
@@ -49,13 +52,18 @@ impl DecodeOptions {
         if self.max_frames == Some(0) {
             return fail("max_frames must be at least 1");
         }
-        if !(positive(self.max_fps) && positive(self.image_fps)) {
+        if !(positive(self.max_fps) && self.image_fps.is_none_or(positive)) {
             return fail("frame rates must be positive");
         }
         if !(self.start_s.is_finite() && self.start_s >= 0.0) || self.end_s.is_some_and(|end| end.is_nan()) {
             return fail("start and end must be times in seconds from the start of the input");
         }
         Ok(())
+    }
+
+    /// Returns the frame rate of folders of images, 1/s.
+    pub(crate) fn image_rate(&self) -> f64 {
+        self.image_fps.unwrap_or(ASSUMED_IMAGE_FPS)
     }
 
     /// Returns how many of `frames` frames at the steady rate `fps` are chosen.
@@ -119,6 +127,6 @@ mod tests {
         let few = DecodeOptions { max_frames: Some(2), ..options };
         assert_eq!(few.chosen_of(97, 10.0), 2);
         assert!(DecodeOptions { stride: 0, ..DecodeOptions::default() }.check().is_err());
-        assert!(DecodeOptions { image_fps: f64::NAN, ..DecodeOptions::default() }.check().is_err());
+        assert!(DecodeOptions { image_fps: Some(f64::NAN), ..DecodeOptions::default() }.check().is_err());
     }
 }

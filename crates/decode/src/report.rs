@@ -42,7 +42,10 @@ pub struct DecodeReport {
     /// Number of frames with an invented time. For such a frame, the stream stated no time, or a time that was not
     /// after the previous frame's time.
     pub times_made_up: u64,
-    /// Warnings about the input, in plain text.
+    /// Number of lost frames whose cause is a warning of its own in `warnings`.
+    #[serde(default)]
+    pub explained: u64,
+    /// Warnings about the input, in plain text. They do not contain [`Self::damage_in_words`].
     pub warnings: Vec<String>,
 }
 
@@ -51,6 +54,37 @@ impl DecodeReport {
     #[must_use]
     pub fn is_damaged(&self) -> bool {
         self.missing > 0 || self.broken_packets > 0 || self.cut_short
+    }
+
+    /// Returns one sentence about all damage of the input: lost frames, damaged pictures and an early end of the file.
+    ///
+    /// Returns `None` without damage, and if `warnings` explains every lost frame already.
+    #[must_use]
+    pub fn damage_in_words(&self) -> Option<String> {
+        let &Self { missing, expected, damaged_stretch_count: places, broken_packets: broken, .. } = self;
+        let mut parts = Vec::new();
+        if missing > self.explained {
+            let places = if places == 1 { "1 place".to_owned() } else { format!("{places} places") };
+            parts.push(format!("{missing} of {expected} frames are lost, in {places}"));
+        }
+        if broken > 0 {
+            parts.push(format!("{broken} packets have broken slices, so their pictures may be damaged"));
+        }
+        match (self.cut_short, parts.is_empty()) {
+            (false, true) => None,
+            (true, true) => Some("the file is cut short".to_owned()),
+            (true, false) => Some(format!("the file is cut short: {}", parts.join("; "))),
+            (false, false) => Some(format!("the input is damaged: {}", parts.join("; "))),
+        }
+    }
+
+    /// Counts one lost frame, and warns of the cause of its loss.
+    pub(crate) fn left_out(&mut self, index: u64, time_s: f64, why: &str) {
+        if self.warnings.len() < MAX_WARNINGS {
+            self.explained += 1;
+        }
+        self.warn(format!("frame {index} is lost: {why}"));
+        self.lost(index, 1, time_s);
     }
 
     /// Counts an interval of lost frames.
@@ -118,5 +152,27 @@ mod tests {
         let runs: Vec<_> = report.damaged_stretches.iter().map(|s| (s.first_frame, s.frames)).collect();
         assert_eq!(runs, [(1, 2), (5, 1)]);
         assert!(report.is_damaged());
+    }
+
+    #[test]
+    fn one_damage_is_one_warning() {
+        let report = DecodeReport { expected: 90, decoded: 90, ..DecodeReport::default() };
+        assert_eq!(report.damage_in_words(), None);
+        let lost = DecodeReport { decoded: 78, missing: 12, damaged_stretch_count: 1, ..report };
+        let words = lost.damage_in_words().unwrap();
+        assert_eq!(words, "the input is damaged: 12 of 90 frames are lost, in 1 place");
+        let cut = DecodeReport { cut_short: true, damaged_stretch_count: 2, broken_packets: 3, ..lost };
+        let words = cut.damage_in_words().unwrap();
+        assert_eq!(
+            words,
+            "the file is cut short: 12 of 90 frames are lost, in 2 places; 3 packets have broken slices, so their \
+             pictures may be damaged"
+        );
+        let mut explained = DecodeReport::default();
+        for index in 0..=MAX_WARNINGS as u64 {
+            explained.left_out(index, index as f64, "it is no image");
+            let is_listed = index < MAX_WARNINGS as u64;
+            assert_eq!(explained.damage_in_words().is_none(), is_listed, "{index}");
+        }
     }
 }

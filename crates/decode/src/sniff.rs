@@ -63,10 +63,18 @@ pub fn sniff(path: &Path) -> Result<Content, DecodeError> {
 
 /// Whether the file's name has the extension of an image.
 pub(crate) fn has_image_name(path: &Path) -> bool {
-    const NAMES: [&str; 9] = ["jpg", "jpeg", "png", "bmp", "gif", "tif", "tiff", "webp", "ppm"];
+    has_extension(path, &["jpg", "jpeg", "png", "bmp", "gif", "tif", "tiff", "webp", "ppm"])
+}
+
+/// Whether the file's name has the extension of a video.
+pub(crate) fn has_video_name(path: &Path) -> bool {
+    has_extension(path, &["mp4", "m4v", "mov", "mkv", "webm", "avi", "mpg", "mpeg"])
+}
+
+fn has_extension(path: &Path, extensions: &[&str]) -> bool {
     path.extension()
         .and_then(|extension| extension.to_str())
-        .is_some_and(|extension| NAMES.iter().any(|name| extension.eq_ignore_ascii_case(name)))
+        .is_some_and(|extension| extensions.iter().any(|name| extension.eq_ignore_ascii_case(name)))
 }
 
 fn recognise(head: &[u8]) -> Result<Content, &'static str> {

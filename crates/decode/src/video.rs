@@ -200,8 +200,7 @@ impl Video {
                         return Ok(Some(Decoded { stamp, image: Some(image) }));
                     }
                     Err(what) => {
-                        report.warn(format!("frame {} is left out: {what}", stamp.index));
-                        report.lost(stamp.index, 1, stamp.time_s());
+                        report.left_out(stamp.index, stamp.time_s(), &what);
                     }
                 },
             }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use opencv::core::{Mat, Scalar, Size};
 use opencv::prelude::*;
 use opencv::videoio::{CAP_FFMPEG, VideoWriter};
-use roadplane_decode::{DecodeError, DecodeOptions, DecodeReport, Input, InputKind, open};
+use roadplane_decode::{DecodeError, DecodeOptions, DecodeReport, FolderContent, Input, InputKind, open};
 
 const FRAMES: u64 = 60;
 const FPS: f64 = 25.0;
@@ -222,7 +222,9 @@ fn disguised_and_foreign_files_are_refused() {
         let refused = open(&path, &DecodeOptions::default());
         assert!(matches!(refused, Err(DecodeError::NotMedia { .. })), "{}", path.display());
     }
-    for absent in ["http://127.0.0.1/clip.mp4", "concat:a.ts|b.ts", "nothing.mp4"] {
+    let address = open(Path::new("http://127.0.0.1/clip.mp4"), &DecodeOptions::default());
+    assert!(matches!(address, Err(DecodeError::Stream { .. })));
+    for absent in ["concat:a.ts|b.ts", "nothing.mp4"] {
         let refused = open(Path::new(absent), &DecodeOptions::default());
         assert!(matches!(refused, Err(DecodeError::Unreadable { .. })), "{absent}");
     }
@@ -239,9 +241,13 @@ fn folders_are_clips_in_natural_order() {
     }
     std::fs::write(folder.path().join("notes.txt"), "ignored").unwrap();
     std::fs::write(folder.path().join("f5.png"), "spoilt").unwrap();
-    let options = DecodeOptions { image_fps: 10.0, ..DecodeOptions::default() };
+    let options = DecodeOptions { image_fps: Some(10.0), ..DecodeOptions::default() };
     let mut input = open(folder.path(), &options).unwrap();
     assert_eq!((input.kind(), input.frames_hint()), (InputKind::Folder, Some(12)));
+    assert!(input.report().warnings.iter().all(|warning| !warning.contains("frames/s")));
+    let assumed = open(folder.path(), &DecodeOptions::default()).unwrap();
+    let rate = "images have no times: 30 frames/s are assumed, and all speeds depend on this rate";
+    assert!(assumed.report().warnings.iter().any(|warning| warning.starts_with(rate)));
     let mut seen = Vec::new();
     while let Some(frame) = input.next_frame().unwrap() {
         assert!((frame.stamp.time_s() - frame.stamp.index as f64 / 10.0).abs() < 1e-9);
@@ -250,6 +256,13 @@ fn folders_are_clips_in_natural_order() {
     assert_eq!(seen, [1, 2, 3, 4, 6, 7, 8, 9, 10, 11, 12]);
     assert_eq!((input.report().missing, input.report().expected), (1, 12));
     write_clip(&folder.path().join("z.avi"), b"MJPG");
+    std::fs::write(folder.path().join("y.mp4"), "").unwrap();
+    let content = FolderContent::of(folder.path()).unwrap();
+    let names: Vec<_> = content.videos.iter().map(|path| path.file_name().unwrap()).collect();
+    assert_eq!(
+        (content.images.len(), content.ignored, names),
+        (12, 1, vec!["y.mp4".as_ref(), "z.avi".as_ref()])
+    );
     assert!(matches!(open(folder.path(), &options), Err(DecodeError::NotMedia { .. })));
 }
 

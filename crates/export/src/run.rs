@@ -184,7 +184,7 @@ impl Run {
         let world_from_picture =
             |frame| (frame, view(frame).map_or(Homography::IDENTITY, |view| view.inverse()));
         let (site, _) = site.in_first_picture(&site.frames().map(world_from_picture).collect());
-        let place = site.place(&camera)?;
+        let place = site.place(&camera).map_err(|why| why.to_string())?;
         for row in self.tracks.iter_mut().flat_map(|track| &mut track.rows) {
             let on_map = place.of_row(row, &camera);
             row.on_map =

@@ -7,16 +7,19 @@
 //! - `site.rs`, `survey.rs`: the user's input.
 //! - `solve.rs`: the camera and its position on the map, estimated together.
 //! - `place.rs`: map positions of vehicles.
+//! - `contradiction.rs`: points that contradict the camera, and the likely mistake.
 //! - `utm.rs`: UTM coordinates.
 
 #![deny(missing_docs)]
 
+mod contradiction;
 mod place;
 mod site;
 mod solve;
 mod survey;
 mod utm;
 
+pub use contradiction::NotPlaced;
 pub use place::{Fit, Place};
 pub use site::Site;
 pub use survey::{SurveyPoint, read_points};

@@ -194,19 +194,39 @@ impl Place {
         })
     }
 
+    /// Returns the residual of each point, in sds.
+    pub(crate) fn sds_of_points(&self, points: &[SurveyPoint]) -> Vec<f64> {
+        let sds = |(point, residual): (&SurveyPoint, &[f64; 2])| {
+            let residual = Vector2::from(*residual);
+            let weight = self.solved.seen_point(point).and_then(|seen| seen.weight());
+            weight.map_or(f64::INFINITY, |weight| residual.dot(&(weight * residual)).sqrt())
+        };
+        points.iter().zip(&self.fit.residuals_m).map(sds).collect()
+    }
+
+    /// Returns the difference between the refined camera and the run's camera, in sds.
+    pub(crate) fn camera_sds(&self, camera: &CameraEstimate) -> f64 {
+        self.solved.camera_chi2(camera).sqrt()
+    }
+
+    /// Returns the largest difference in sds: of a point or of the camera.
+    pub(crate) fn most_sds(&self, points: &[SurveyPoint], camera: &CameraEstimate) -> f64 {
+        self.sds_of_points(points).into_iter().fold(self.camera_sds(camera), f64::max)
+    }
+
     /// Adds residuals and warnings to the fit.
     fn add_residuals(&mut self, points: &[SurveyPoint], targets: &[Vector2<f64>], camera: &CameraEstimate) {
-        for (i, (point, target)) in points.iter().zip(targets).enumerate() {
-            let Some(at) = self.solved.place_of(point) else { continue };
-            let residual = at - target;
+        for (point, target) in points.iter().zip(targets) {
+            let residual = self.solved.place_of(point).map_or(Vector2::repeat(f64::NAN), |at| at - target);
             self.fit.residuals_m.push([decimals(residual.x, 4), decimals(residual.y, 4)]);
-            let weight = self.solved.seen_point(point).and_then(|seen| seen.weight());
-            let sds = weight.map_or(0.0, |weight| residual.dot(&(weight * residual)).sqrt());
+        }
+        for (i, sds) in self.sds_of_points(points).into_iter().enumerate() {
             if sds > CONTRADICTION_SDS {
-                let metres = residual.norm();
+                let [x, y] = self.fit.residuals_m[i];
                 self.fit.warnings.push(format!(
-                    "point {} lies {metres:.2} m ({sds:.1} sd) away from its fitted position",
-                    i + 1
+                    "point {} lies {:.2} m ({sds:.1} sd) away from its fitted position",
+                    i + 1,
+                    x.hypot(y)
                 ));
             }
         }
@@ -262,7 +282,7 @@ fn describe(camera: &CameraEstimate, zone: &UtmZone, solved: &Solved) -> Result<
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
     use nalgebra::Matrix4;
     use roadplane_base::{CameraParams, CameraStatus, ImageSize, Lens};
@@ -272,7 +292,7 @@ mod tests {
     const AT: [f64; 2] = [51.05, 13.74];
     const BEARING: f64 = 130.0;
 
-    fn camera(params: CameraParams, sd: f64) -> CameraEstimate {
+    pub(crate) fn camera(params: CameraParams, sd: f64) -> CameraEstimate {
         let size = ImageSize { width: 1280, height: 720 };
         CameraEstimate {
             span_s: [0.0, 10.0],
@@ -288,12 +308,12 @@ mod tests {
         }
     }
 
-    fn params() -> CameraParams {
+    pub(crate) fn params() -> CameraParams {
         CameraParams { log_focal: 1200f64.ln(), tilt: 0.3, roll: 0.02, log_height: 7f64.ln() }
     }
 
     /// Returns points on the ground at these pixels, with exact map positions.
-    fn survey(pixels: &[[f64; 2]]) -> Vec<SurveyPoint> {
+    pub(crate) fn survey(pixels: &[[f64; 2]]) -> Vec<SurveyPoint> {
         let truth = Place::from_camera(&camera(params(), 0.01), AT, BEARING).unwrap();
         let point = |pixel: &[f64; 2]| {
             let (at, _) = truth.utm_from_pixel(*pixel).unwrap();
@@ -303,7 +323,7 @@ mod tests {
         pixels.iter().map(point).collect()
     }
 
-    const PIXELS: [[f64; 2]; 6] =
+    pub(crate) const PIXELS: [[f64; 2]; 6] =
         [[100.0, 300.0], [1200.0, 260.0], [640.0, 700.0], [200.0, 600.0], [1000.0, 420.0], [640.0, 200.0]];
 
     #[test]
@@ -338,7 +358,7 @@ mod tests {
     fn bad_surveys_are_refused() {
         let camera = camera(params(), 0.01);
         let two = Site::Points(survey(&PIXELS[..2]));
-        assert!(two.place(&camera).unwrap_err().contains("three or more"));
+        assert!(two.place(&camera).unwrap_err().to_string().contains("three or more"));
         let mut far = survey(&PIXELS);
         for (i, point) in far.iter_mut().enumerate() {
             (point.latitude, point.longitude) = (AT[1] + 1e-4 * i as f64, AT[0] - 1e-4 * (i * i) as f64);

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use roadplane_base::{CameraEstimate, Homography};
 
-use crate::{Place, SurveyPoint, UtmZone};
+use crate::contradiction::placed;
+use crate::{NotPlaced, Place, SurveyPoint, UtmZone};
 
 /// The position of a camera on the map, as given by the user.
 #[derive(Clone, Debug, PartialEq)]
@@ -70,12 +71,12 @@ impl Site {
     /// Returns the position and bearing of a camera on the map. Surveyed points also refine the camera's parameters.
     ///
     /// # Errors
-    /// Returns a message if the site is wrong or contradicts the camera.
-    pub fn place(&self, camera: &CameraEstimate) -> Result<Place, String> {
+    /// Returns the reason if the site is wrong, or if its points contradict the camera by more than 5 sd.
+    pub fn place(&self, camera: &CameraEstimate) -> Result<Place, NotPlaced> {
         self.check()?;
         match self {
-            Self::Points(points) => Place::from_points(camera, points),
-            Self::Camera { at, bearing_deg } => Place::from_camera(camera, *at, *bearing_deg),
+            Self::Points(points) => placed(camera, points),
+            Self::Camera { at, bearing_deg } => Ok(Place::from_camera(camera, *at, *bearing_deg)?),
         }
     }
 }

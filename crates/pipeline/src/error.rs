@@ -145,7 +145,8 @@ impl PipelineError {
     #[must_use]
     pub fn fault(&self) -> Fault {
         match self {
-            Self::Usage { .. } | Self::Config(_) | Self::Decode(DecodeError::Option { .. }) => Fault::Usage,
+            Self::Usage { .. } | Self::Config(_) => Fault::Usage,
+            Self::Decode(DecodeError::Option { .. } | DecodeError::Stream { .. }) => Fault::Usage,
             Self::Decode(DecodeError::Unreadable { source, .. })
             | Self::Unreadable { source, .. }
             | Self::Write(WriteError::Io { doing: "read", source, .. })

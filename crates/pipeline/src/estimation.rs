@@ -6,9 +6,9 @@ use std::sync::Arc;
 
 use roadplane_base::{CameraEstimate, CameraStatus, CarRef, PoseRecord, Shape, ShapeAtlas, TrackRow};
 use roadplane_calibrate::{OneCamera, Places, PlacesBuilder};
-use roadplane_geo::{Place, Site};
+use roadplane_geo::{NotPlaced, Place, Site};
 use roadplane_track::Track;
-use roadplane_write::{FrameReader, PoseLines, read_jsonl, read_scene_curves};
+use roadplane_write::{FrameReader, PoseLines, RunStatus, read_jsonl, read_scene_curves};
 
 use crate::cameras::camera_track::CameraTrack;
 use crate::cameras::estimate::estimate_cameras;
@@ -30,6 +30,8 @@ pub struct ClipSolution {
     /// Position and direction of the camera on the map. `None` if the user gave no site or the camera cannot be put on
     /// the map.
     pub place: Option<Place>,
+    /// Whether the user's surveyed points contradict the camera, so that they were not used.
+    pub has_refused_points: bool,
     /// Shape of each tracked vehicle, by the number of its track.
     pub shapes: BTreeMap<u64, Shape>,
     /// Rows of the track files that are kept for drawing, sorted by frame and then by track.
@@ -71,6 +73,16 @@ impl ClipSolution {
                 CameraStatus::Unobservable => "unobservable",
             },
         )
+    }
+}
+
+impl ClipSolution {
+    /// Returns the status of the run.
+    pub(crate) fn status(&self, is_damaged: bool) -> RunStatus {
+        match self.not_followed.status(is_damaged) {
+            RunStatus::Complete if self.has_refused_points => RunStatus::PointsNotUsed,
+            status => status,
+        }
     }
 }
 
@@ -190,10 +202,12 @@ pub(crate) fn solve_constrained_clip(
         config,
     )?;
     let mut warnings = warnings_of(&cameras);
-    let place = site.as_ref().and_then(|site| {
-        let place = cameras.put_on_map(site);
-        place.map_err(|why| warnings.push(format!("the camera is not put on the map: {why}"))).ok()
-    });
+    let placed = site.as_ref().map(|site| cameras.put_on_map(site)).transpose();
+    if let Err(why) = &placed {
+        warnings.push(format!("the camera is not put on the map: {why}"));
+    }
+    let has_refused_points = matches!(placed, Err(NotPlaced::Contradiction(_)));
+    let place = placed.ok().flatten();
     if let Some(Place { fit, .. }) = &place {
         tracing::info!("{fit}");
         warnings.extend(fit.warnings.iter().cloned());
@@ -261,6 +275,7 @@ pub(crate) fn solve_constrained_clip(
     Ok(ClipSolution {
         cameras,
         place,
+        has_refused_points,
         shapes,
         rows: Vec::new(),
         row_count,

@@ -18,7 +18,7 @@
 //!                losses.rs)
 //! traffic/       tables of traffic from the tracks of finished runs
 //! commands/      one file per command
-//! other files    config.rs, options.rs, models.rs, identity.rs, limits.rs, progress.rs, cancel.rs, error.rs
+//! other files    config.rs, options.rs, models.rs, inputs.rs, identity.rs, limits.rs, progress.rs, cancel.rs, error.rs
 //! ```
 
 mod cameras;
@@ -28,6 +28,7 @@ mod config;
 mod error;
 mod estimation;
 mod identity;
+mod inputs;
 mod limits;
 mod models;
 mod not_followed;
@@ -58,6 +59,7 @@ pub use config::{Config, ConfigError, TrafficConfig};
 pub use error::{Fault, PipelineError};
 pub use estimation::{ClipSolution, solve_clip};
 pub use identity::stem_of;
+pub use inputs::clips_of;
 pub use limits::too_small_address_space;
 pub use models::{find_models, find_runtime};
 pub use options::{RunOptions, RunReport};

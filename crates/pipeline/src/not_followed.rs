@@ -54,10 +54,8 @@ impl NotFollowed {
         ))
     }
 
-    /// Writes the counts into a summary, and updates its status and exit code.
+    /// Writes the counts into a summary.
     pub(crate) fn note(&self, summary: &mut Summary) {
-        summary.status = self.status(summary.status == RunStatus::InputDamaged);
-        summary.exit_code = if summary.status == RunStatus::Complete { 0 } else { 3 };
         summary.counts.frames_not_followed = self.frames;
         summary.watch.not_followed_s = self.seconds;
         summary.watch.not_followed_share = self.share();

@@ -22,6 +22,15 @@ impl ConfigArgs {
     /// # Errors
     /// [`PipelineError`] for a file that cannot be read, and for a setting that is unknown or out of range.
     pub fn load(&self) -> Result<Config, PipelineError> {
-        Config::load(self.config.as_deref(), &self.settings).map_err(PipelineError::from)
+        self.load_with(&[])
+    }
+
+    /// Reads the configuration from the arguments. `more` are settings as for `--set`, from other arguments.
+    ///
+    /// # Errors
+    /// [`PipelineError`] in the same cases as for [`Self::load`].
+    pub fn load_with(&self, more: &[String]) -> Result<Config, PipelineError> {
+        let settings = [self.settings.as_slice(), more].concat();
+        Config::load(self.config.as_deref(), &settings).map_err(PipelineError::from)
     }
 }

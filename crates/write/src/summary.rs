@@ -26,6 +26,9 @@ pub enum RunStatus {
     /// The input was read, but the camera moved in more than 5 % of its frames. Vehicles in these frames were not
     /// followed.
     PartlyFollowed,
+    /// The input was read, but the surveyed points of the user contradict the camera. Camera and tracks were estimated
+    /// without them, and the result is not on the map.
+    PointsNotUsed,
 }
 
 /// The input, versions, settings, counts, warnings and times of a run.

@@ -6,7 +6,7 @@ use std::sync::Mutex;
 use crossbeam_channel::bounded;
 use roadplane_pipeline::{
     CameraDatabase, Cancel, Config, Existing, Fault, FolderLock, PipelineError, RunOptions, RunReport,
-    check_traffic, find_models, run_input, run_piece, stem_of,
+    check_traffic, clips_of, find_models, run_input, run_piece, stem_of,
 };
 
 use crate::args::RunArgs;
@@ -16,33 +16,25 @@ use roadplane_terminal::{Bar, Outcome};
 
 /// Processes all inputs. If an input fails, the command continues with the next input.
 pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
-    let config = args.config.load()?;
+    let image_fps = args.image_fps.map(|fps| format!("decode.image_fps={fps:?}"));
+    let config = args.config.load_with(image_fps.as_slice())?;
     let constraints = args.known.read_for_database(args.cameras.is_some())?;
-    if args.piece.is_some() && args.inputs.len() > 1 {
+    let inputs = clips_of(&args.inputs, args.resume.then_some(args.out.as_path()))?;
+    if args.piece.is_some() && inputs.len() > 1 {
         return Err(PipelineError::usage("--piece takes exactly one input").into());
     }
-    let stems: Vec<String> = args.inputs.iter().map(|input| stem_of(input)).collect();
-    for (i, stem) in stems.iter().enumerate() {
-        if stems[..i].contains(stem) {
-            let message = format!(
-                "two inputs would both be written to {}: rename one, or run them with different --out",
-                args.out.join(stem).display()
-            );
-            return Err(PipelineError::usage(&message).into());
-        }
-    }
     let run_id = args.run_id.clone().unwrap_or_else(metrics::default_run_id);
-    let metrics = Metrics::new(&run_id, args.inputs.len());
+    let metrics = Metrics::new(&run_id, inputs.len());
     let run_span = tracing::info_span!(target: "roadplane_ids", "run", run_id);
     let site = super::site::site(&args.site)?;
     check_traffic(&config.traffic)?;
     let models = find_models(config.models.folder.as_deref())?;
     let cameras = match (&args.cameras, &args.camera_id) {
-        (Some(folder), Some(id)) => Some(CameraDatabase::open(folder, id, &args.inputs)?),
+        (Some(folder), Some(id)) => Some(CameraDatabase::open(folder, id, &inputs)?),
         _ => None,
     };
     let _lock = FolderLock::acquire(&args.out).map_err(PipelineError::from)?;
-    sandbox::enter(&needs(args, &config));
+    sandbox::enter(&needs(args, &inputs, &config));
     if let Some(address) = args.metrics {
         metrics::serve(address, &metrics)?;
     }
@@ -56,12 +48,12 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         video: args.video,
         background: args.background,
         frames: args.frames,
-        alone: args.jobs == 1 || args.inputs.len() == 1,
+        alone: args.jobs == 1 || inputs.len() == 1,
     };
     let worst = Mutex::new(Worst::default());
-    let jobs = usize::from(args.jobs).min(args.inputs.len());
-    let (sender, receiver) = bounded::<&Path>(args.inputs.len());
-    for input in &args.inputs {
+    let jobs = usize::from(args.jobs).min(inputs.len());
+    let (sender, receiver) = bounded::<&Path>(inputs.len());
+    for input in &inputs {
         let _sent = sender.send(input);
     }
     drop(sender);
@@ -117,8 +109,8 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
 }
 
 /// Returns the files and addresses that a run may use.
-fn needs(args: &RunArgs, config: &Config) -> Needs {
-    let mut needs = Needs::of_nets(config.models.folder.as_deref()).reading(&args.inputs).writing(&args.out);
+fn needs(args: &RunArgs, inputs: &[PathBuf], config: &Config) -> Needs {
+    let mut needs = Needs::of_nets(config.models.folder.as_deref()).reading(inputs).writing(&args.out);
     needs.serves = args.metrics;
     if let Some(gates) = &config.traffic.gates {
         needs = needs.reading(std::slice::from_ref(gates));

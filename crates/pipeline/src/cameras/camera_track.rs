@@ -1,7 +1,7 @@
 //! The camera at every time of a clip.
 
 use roadplane_base::{CameraEstimate, CameraEvidence};
-use roadplane_geo::{Place, Site};
+use roadplane_geo::{NotPlaced, Place, Site};
 use roadplane_write::ConstraintSummary;
 
 use crate::cameras::witnesses::SceneView;
@@ -133,10 +133,12 @@ impl CameraTrack {
     /// Places the camera on the map. Map points also refine it.
     ///
     /// # Errors
-    /// An error in the site's description, or a camera that was moved.
-    pub fn put_on_map(&mut self, site: &Site) -> Result<Place, String> {
+    /// An error in the site's description, points that contradict the camera, or a camera that was moved. The camera
+    /// is then unchanged.
+    pub fn put_on_map(&mut self, site: &Site) -> Result<Place, NotPlaced> {
         let [only] = self.estimates.as_mut_slice() else {
-            return Err(format!("it was moved and had {} positions", self.estimates.len()));
+            let positions = self.estimates.len();
+            return Err(NotPlaced::Unusable(format!("it was moved and had {positions} positions")));
         };
         let place = site.place(only)?;
         if matches!(site, Site::Points(_)) {

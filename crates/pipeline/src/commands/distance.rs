@@ -1,6 +1,7 @@
 //! Command `roadplane distance`: computes the distance between two cars of a finished run. The sd of the distance takes
 //! into account that both cars share the errors of the camera.
 
+use std::collections::BTreeSet;
 use std::path::Path;
 
 use nalgebra::{RowVector4, Vector2};
@@ -25,19 +26,31 @@ pub struct Distance {
 /// only the frame nearest to that time is returned.
 ///
 /// # Errors
-/// Returns [`PipelineError::Usage`] if no frame has rows of both tracks, or [`PipelineError::Write`] if a file cannot
+/// Returns [`PipelineError::Usage`] if a track does not exist or no frame has rows of both tracks, or [`PipelineError::Write`] if a file cannot
 /// be read.
 pub fn distances(run: &Path, tracks: [u64; 2], at_s: Option<f64>) -> Result<Vec<Distance>, PipelineError> {
     let cameras: Vec<CameraEstimate> =
         read_camera(&run.join("camera.json"))?.all().iter().map(|segment| segment.estimate()).collect();
-    let (mut first, mut second) = (Vec::new(), Vec::new());
+    let (mut first, mut second, mut numbers) = (Vec::new(), Vec::new(), BTreeSet::new());
     for row in read_jsonl::<TrackRow>(&run.join("tracks.jsonl"))? {
         let row = row?;
+        numbers.insert(row.track);
         match row.track {
             track if track == tracks[0] => first.push(row),
             track if track == tracks[1] => second.push(row),
             _ => {}
         }
+    }
+    let missing: BTreeSet<u64> = tracks.into_iter().filter(|track| !numbers.contains(track)).collect();
+    if !missing.is_empty() {
+        let (noun, verb) = if missing.len() == 1 { ("track", "does") } else { ("tracks", "do") };
+        let has = if numbers.is_empty() {
+            "the run has no tracks".to_owned()
+        } else {
+            format!("the tracks of the run are {}", intervals(&numbers))
+        };
+        let what = format!("{noun} {} {verb} not exist; {has}: {}", intervals(&missing), run.display());
+        return Err(PipelineError::usage(&what));
     }
     let mut found: Vec<Distance> = first
         .iter()
@@ -56,6 +69,19 @@ pub fn distances(run: &Path, tracks: [u64; 2], at_s: Option<f64>) -> Result<Vec<
         return Err(PipelineError::usage(&what));
     }
     Ok(found)
+}
+
+/// Returns numbers as text, with consecutive numbers as intervals: `1–3, 7`.
+fn intervals(numbers: &BTreeSet<u64>) -> String {
+    let mut intervals: Vec<(u64, u64)> = Vec::new();
+    for &number in numbers {
+        match intervals.last_mut() {
+            Some((_, last)) if *last + 1 == number => *last = number,
+            _ => intervals.push((number, number)),
+        }
+    }
+    let text = |(from, to): &(u64, u64)| if from == to { from.to_string() } else { format!("{from}–{to}") };
+    intervals.iter().map(text).collect::<Vec<_>>().join(", ")
 }
 
 fn between(camera: &CameraEstimate, a: &TrackRow, b: &TrackRow) -> Option<Distance> {
@@ -82,6 +108,23 @@ mod tests {
     use super::*;
     use crate::tracks::shared_error::tests::estimate;
     use roadplane_base::GroundPose;
+    use roadplane_write::JsonLines;
+
+    #[test]
+    fn a_track_that_does_not_exist_is_named_with_those_that_do() {
+        let run = tempfile::tempdir().unwrap();
+        let camera = estimate([0.01; 4]);
+        roadplane_write::write_camera(&run.path().join("camera.json"), &[camera], Vec::new()).unwrap();
+        let mut rows = JsonLines::create(&run.path().join("tracks.jsonl")).unwrap();
+        for track in [1, 2, 3, 7] {
+            rows.write(&roadplane_synth::stationary_row(track, 0, 0.0)).unwrap();
+        }
+        rows.finish().unwrap();
+        let message = |tracks| distances(run.path(), tracks, None).unwrap_err().to_string();
+        assert!(message([2, 9]).starts_with("track 9 does not exist; the tracks of the run are 1–3, 7: "));
+        assert!(message([9, 8]).starts_with("tracks 8–9 do not exist; "));
+        assert!(message([9, 9]).starts_with("track 9 does not exist; "));
+    }
 
     #[test]
     fn the_distance_of_neighbouring_cars_has_their_own_errors_and_that_of_scale() {

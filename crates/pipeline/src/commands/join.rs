@@ -170,6 +170,7 @@ fn decode_of<'a>(reports: impl Iterator<Item = &'a DecodeReport>, last: &DecodeR
         all.damaged_stretch_count += report.damaged_stretch_count;
         all.broken_packets += report.broken_packets;
         all.times_made_up += report.times_made_up;
+        all.explained += report.explained;
         for warning in &report.warnings {
             if !all.warnings.contains(warning) {
                 all.warnings.push(warning.clone());

@@ -109,7 +109,7 @@ fn publish(
         folder: folder.publish()?,
         tracks: Some(solution.shapes.len() as u64),
         camera: solution.camera_in_words(),
-        status: solution.not_followed.status(decode.is_damaged()),
+        status: solution.status(decode.is_damaged()),
         frames_lost: decode.missing,
         frames_not_followed: solution.not_followed.frames,
     })

@@ -6,13 +6,14 @@ use std::path::Path;
 
 use image::RgbImage;
 use roadplane_base::{CameraEstimate, Homography, Shape, ShapeAtlas, TrackRow};
-use roadplane_decode::DecodeOptions;
+use roadplane_decode::{DecodeOptions, refuse_address};
 use roadplane_view::{DrawnCar, GroundCells, Overlay, ReportInput, VideoSink, report_html, with_lines};
 use roadplane_write::{OutFile, Summary, read_camera, read_jsonl, read_summary};
 
 use crate::cameras::camera_track::CameraTrack;
 use crate::cameras::known::constraint_in_words;
 use crate::estimation::ClipSolution;
+use crate::identity::file_identity;
 use crate::output::losses::losses_in_words;
 use crate::stream::flow::Work;
 use crate::stream::stills::Stills;
@@ -261,7 +262,8 @@ pub(crate) fn draw_video(
 /// Returns true if some of the input was lost or damaged.
 ///
 /// # Errors
-/// Returns a [`PipelineError`] if the video cannot be completed. No video file is then created.
+/// Returns [`PipelineError::Usage`] if the run has another input, and another [`PipelineError`] if the video cannot be
+/// completed. No video file is then created.
 pub fn render_run(
     input: &Path,
     run: &Path,
@@ -270,7 +272,9 @@ pub fn render_run(
     cancel: &Cancel,
     progress: &dyn Progress,
 ) -> Result<bool, PipelineError> {
-    let config = &as_run(run, config)?;
+    let summary = read_summary(&run.join("summary.json"))?;
+    refuse_other_input(input, run, &summary)?;
+    let config = &as_run(&summary, config);
     let file = read_camera(&run.join("camera.json"))?;
     let estimates: Vec<CameraEstimate> = file.all().iter().map(|segment| segment.estimate()).collect();
     let (cameras, views) = (CameraTrack::from_estimates(estimates), Views::from_file(&file.motion));
@@ -287,16 +291,34 @@ pub fn render_run(
 
 /// Returns `config` with the `[decode]` settings of a finished run, because only the frames that the run read have
 /// rows. Settings in `config` that differ from their defaults take precedence.
-fn as_run(run: &Path, config: &Config) -> Result<Config, PipelineError> {
+fn as_run(summary: &Summary, config: &Config) -> Config {
     let of = |options: &DecodeOptions| serde_json::to_value(options).unwrap_or_default();
     let (asked, default) = (of(&config.decode), of(&DecodeOptions::default()));
-    let mut chosen = read_summary(&run.join("summary.json"))?.config["decode"].take();
+    let mut chosen = summary.config.get("decode").cloned().unwrap_or_default();
     if let (Some(chosen), Some(asked)) = (chosen.as_object_mut(), asked.as_object()) {
         let other = asked.iter().filter(|(option, value)| default.get(option.as_str()) != Some(value));
         chosen.extend(other.map(|(option, value)| (option.clone(), value.clone())));
     }
     let decode = serde_json::from_value(chosen).unwrap_or_else(|_absent| config.decode.clone());
-    Ok(Config { decode, ..config.clone() })
+    Config { decode, ..config.clone() }
+}
+
+/// Refuses an input whose content differs from that of the run's input.
+///
+/// A run without nets was made from a file of frames (`stage track`), and has no hash of its video.
+fn refuse_other_input(input: &Path, run: &Path, summary: &Summary) -> Result<(), PipelineError> {
+    refuse_address(input)?;
+    let made_of = &summary.input;
+    if summary.models.is_empty() || file_identity(input)?.sha256 == made_of.sha256 {
+        return Ok(());
+    }
+    Err(PipelineError::usage(&format!(
+        "{} is not the input of the run {}: give that input, {} (sha256 {}…), or make a run of {0} first",
+        input.display(),
+        run.display(),
+        made_of.path,
+        made_of.sha256.get(..12).unwrap_or(&made_of.sha256),
+    )))
 }
 
 #[cfg(test)]
@@ -304,7 +326,7 @@ mod tests {
     use super::*;
     use crate::tracks::shared_error::tests::estimate;
     use roadplane_synth::stationary_row;
-    use roadplane_write::write_summary;
+    use roadplane_write::{ModelSummary, write_summary};
 
     #[test]
     fn rows_are_kept_as_long_as_they_are_drawn() {
@@ -341,13 +363,37 @@ mod tests {
         made.decode.stride = 3;
         let summary = Summary { config: serde_json::to_value(&made).unwrap(), ..Summary::default() };
         write_summary(&folder.path().join("summary.json"), &summary).unwrap();
-        assert_eq!(as_run(folder.path(), &Config::default()).unwrap().decode.stride, 3);
+        let as_run =
+            |config: &Config| as_run(&read_summary(&folder.path().join("summary.json")).unwrap(), config);
+        assert_eq!(as_run(&Config::default()).decode.stride, 3);
         let mut asked = Config::default();
         asked.decode.end_s = Some(5.0);
-        let both = as_run(folder.path(), &asked).unwrap().decode;
+        let both = as_run(&asked).decode;
         assert_eq!((both.stride, both.end_s), (3, Some(5.0)));
         write_summary(&folder.path().join("summary.json"), &Summary::default()).unwrap();
-        assert_eq!(as_run(folder.path(), &Config::default()).unwrap(), Config::default());
-        assert!(as_run(&folder.path().join("none"), &Config::default()).is_err());
+        assert_eq!(as_run(&Config::default()), Config::default());
+    }
+
+    #[test]
+    fn another_input_than_that_of_the_run_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let [clip, other] = ["a.mp4", "b.mp4"].map(|name| folder.path().join(name));
+        std::fs::write(&clip, "one clip").unwrap();
+        std::fs::write(&other, "another clip").unwrap();
+        let made = Summary {
+            input: file_identity(&clip).unwrap(),
+            models: vec![ModelSummary::default()],
+            ..Summary::default()
+        };
+        let check = |input: &Path, summary: &Summary| {
+            refuse_other_input(input, folder.path(), summary).map_err(|error| error.to_string())
+        };
+        // Only the content counts.
+        std::fs::rename(&clip, folder.path().join("moved.mp4")).unwrap();
+        assert_eq!(check(&folder.path().join("moved.mp4"), &made), Ok(()));
+        let message = check(&other, &made).unwrap_err();
+        assert!(message.contains("is not the input of the run") && message.contains("a.mp4"), "{message}");
+        // The input of `stage track` is a file of frames.
+        assert_eq!(check(&other, &Summary { models: Vec::new(), ..made }), Ok(()));
     }
 }

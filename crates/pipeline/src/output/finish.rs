@@ -140,10 +140,7 @@ fn summary_of(perceived: &Perceived, solution: &ClipSolution, config: &Config) -
     counts.frames_read = decode.decoded;
     counts.frames_lost = decode.missing;
     counts.frames_skipped = decode.decoded.saturating_sub(decode.delivered);
-    if decode.missing > 0 {
-        let (lost, gaps) = (decode.missing, decode.damaged_stretch_count);
-        summary.warnings.push(format!("{lost} frames in {gaps} gaps could not be decoded"));
-    }
+    summary.warnings.extend(decode.damage_in_words());
     note_solution(&mut summary, solution);
     if perceived.rejected_cars > 0 {
         summary.counts.rejected.insert("keypoints_not_finite".to_owned(), perceived.rejected_cars);
@@ -159,6 +156,8 @@ pub fn note_solution(summary: &mut Summary, solution: &ClipSolution) {
     counts.poses_used = solution.poses_used;
     counts.tracks = solution.shapes.len() as u64;
     counts.track_rows = solution.row_count;
+    summary.status = solution.status(summary.status == RunStatus::InputDamaged);
+    summary.exit_code = if summary.status == RunStatus::Complete { 0 } else { 3 };
     solution.not_followed.note(summary);
     summary.known = solution.cameras.constraints().to_vec();
     summary.scene_lines = solution.cameras.scene().iter().map(SceneView::summary).collect();
