@@ -15,3 +15,4 @@ mod real_clips;
 mod reliability;
 mod scene_lines;
 mod terminal;
+mod traffic;

@@ -31,6 +31,7 @@ FILES = {
     "frames": ("`frames.jsonl`", "One line per frame. `roadplane run --frames` writes this file."),
     "summary": ("`summary.json`", "One object per clip."),
     "known": ("Lengths for `--known`", "One object per file. A CSV table works as well: see [Help the camera](constraints.md)."),
+    "traffic": ("`traffic.json`", "One object per folder. The rows of its lists are also tables in CSV and Parquet."),
     "plan": ("Output of `roadplane plan`", "One line per piece."),
     "piece": ("`piece.json`", "One object per piece that `roadplane run --piece` writes."),
 }

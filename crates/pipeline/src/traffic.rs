@@ -38,7 +38,7 @@ pub struct TrafficOptions {
     pub camera_id: Option<String>,
 }
 
-/// What the command found.
+/// The figures of the command, with their input.
 #[derive(Debug)]
 pub struct TrafficReport {
     /// The content of `traffic.json`.

@@ -35,7 +35,7 @@ struct Shape {
     is_zone: bool,
 }
 
-/// Number of parts into which a line in pixels is cut, because a lens bends straight lines.
+/// Number of parts into which a line in pixels is cut, because straight lines appear curved under distortion.
 const PARTS: usize = 8;
 
 impl GatesFile {
