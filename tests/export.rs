@@ -3,7 +3,7 @@
 
 use nalgebra::Matrix4;
 use roadplane_base::{CameraEstimate, CameraParams, CameraStatus, GroundPose, ImageSize};
-use roadplane_export::Run;
+use roadplane_export::{FORMATS, Run};
 use roadplane_geo::{Place, SurveyPoint, UtmZone};
 use serde_json::Value;
 
@@ -14,7 +14,23 @@ fn formats_are_listed_and_unknown_ones_refused() {
     let list = roadplane().args(["export", "--format", "list"]).output().unwrap();
     let text = String::from_utf8(list.stdout).unwrap();
     assert!(list.status.success());
-    for name in ["mot", "kitti", "kpf", "actev", "geojson", "sumo-fcd", "ngsim", "highd", "rerun"] {
+    for name in [
+        "mot",
+        "kitti",
+        "kpf",
+        "actev",
+        "geojson",
+        "geoparquet",
+        "kml",
+        "sumo-fcd",
+        "ngsim",
+        "highd",
+        "ssam",
+        "ottrk",
+        "ucmctrack",
+        "rope3d",
+        "rerun",
+    ] {
         assert!(text.lines().any(|line| line.starts_with(&format!("{name} "))), "{name}: {text}");
     }
     let out = tempfile::tempdir().unwrap();
@@ -129,6 +145,20 @@ fn a_run_with_surveyed_points_has_tracks_on_the_map() {
         .arg(&out)
         .output();
     assert_eq!(twice.unwrap().status.code(), Some(2));
+
+    // A format whose data is missing is left out, with the reason, and the others are written.
+    std::fs::remove_file(result.join("activities.jsonl")).unwrap();
+    let all = dir.path().join("all");
+    let mut export = roadplane();
+    let done =
+        export.arg("export").arg(&result).args(["--format", "all", "--out"]).arg(&all).output().unwrap();
+    let log = String::from_utf8_lossy(&done.stderr);
+    assert_eq!(done.status.code(), Some(0), "{log}");
+    assert!(log.contains("left out: the format actev needs activities"), "{log}");
+    assert!(log.contains("left out: this command cannot write rerun"), "{log}");
+    let mut expected = FORMATS.iter().map(|format| format.name).filter(|name| *name != "actev");
+    assert!(expected.all(|name| all.join(name).is_dir()), "{:?}", names(&all));
+    assert!(!all.join("actev").exists());
 }
 
 /// Returns the five surveyed points of `road_survey.mp4`: pixel x and y, and east and north in UTM zone 32. The README

@@ -235,6 +235,43 @@ class FinishedRun(unittest.TestCase):
             np.testing.assert_allclose(found["world/camera/picture"][key], [middle], atol=1e-3)
             self.assertAlmostEqual(found["speed_mps"][key][0], row.speed_mps, places=9)
 
+    def test_a_recording_has_the_frames_of_the_video(self) -> None:
+        clip = TOP / "tests/data/lot.mp4"
+        with tempfile.TemporaryDirectory() as folder:
+            path = self.found.to_rerun(Path(folder) / "lot.rrd", video=clip)
+            found: dict[int, tuple[float, int]] = {}
+            blobs = []
+            for chunk in RrdReader(path).stream().to_chunks():
+                if chunk.entity_path != "/world/camera/picture/video":
+                    continue
+                batch = chunk.to_record_batch()
+                if "AssetVideo:blob" in batch.schema.names:
+                    blobs += [bytes(blob[0]) for blob in batch["AssetVideo:blob"].to_pylist()]
+                else:
+                    stamps = batch["VideoFrameReference:timestamp"].to_pylist()
+                    times = [time.total_seconds() for time in batch["time"].to_pylist()]
+                    found |= dict(zip(batch["frame"].to_pylist(), zip(times, stamps, strict=True), strict=True))
+            self._is_read_back(path)
+        self.assertEqual(blobs, [clip.read_bytes()])
+        self.assertEqual(sorted(found), list(range(self.found.summary["counts"]["frames_expected"])))
+        for frame, (time_s, stamp_ns) in found.items():
+            self.assertAlmostEqual(time_s, stamp_ns[0] / 1e9, places=6)
+            self.assertAlmostEqual(time_s, frame / 12, places=6)
+        for frame, time_s in self.found.tracks()[["frame", "time_s"]].itertuples(index=False):
+            self.assertAlmostEqual(found[frame][0], time_s, places=5)
+
+    def test_a_video_of_another_run_or_kind_is_refused(self) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            out, notes = Path(folder, "lot.rrd"), Path(folder, "notes.mp4")
+            notes.write_text("no video")
+            for video, reason in (
+                (notes, "Rerun needs an MP4 file"),
+                (TOP / "tests/data/lots/scenes/clip_0000.mp4", "is not the video of this run"),
+            ):
+                with self.assertRaisesRegex(ValueError, reason):
+                    self.found.to_rerun(out, video=video)
+                self.assertFalse(out.exists())
+
     def test_a_folder_without_a_run_is_named(self) -> None:
         with self.assertRaisesRegex(FileNotFoundError, "no finished run"):
             roadplane.load(TOP / "tests")

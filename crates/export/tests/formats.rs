@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 mod fixture;
+mod helpers;
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -15,7 +16,8 @@ use roadplane_metrics::readers::{kitti, kpf, mot};
 use roadplane_write::{Existing, WriteError};
 use serde_json::Value;
 
-use fixture::{MOVED_S, close, exported, run_folder, track};
+use fixture::{MOVED_S, run_folder};
+use helpers::{close, exported, track};
 
 fn number(text: &str) -> f64 {
     text.parse().unwrap()

@@ -1,8 +1,9 @@
 //! Files for maps are read back: GeoParquet and KML.
 
-#![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
+#![allow(clippy::unwrap_used, clippy::panic, reason = "a test that cannot go on has failed")]
 
 mod fixture;
+mod helpers;
 
 use std::path::Path;
 
@@ -14,7 +15,8 @@ use roadplane_export::{Format, Run, export};
 use roadplane_write::{Existing, WriteError};
 use serde_json::{Value, json};
 
-use fixture::{close, export_to, exported, exported_on_map, rename_input, run_folder};
+use fixture::run_folder;
+use helpers::{close, export_to, exported, exported_on_map, rename_input};
 
 /// Reads a GeoParquet file: its metadata under the key `geo`, and its rows.
 fn parquet(path: &Path) -> (Value, Vec<Row>) {

@@ -3,6 +3,7 @@
 #![allow(clippy::unwrap_used, reason = "a test that cannot go on has failed")]
 
 mod fixture;
+mod helpers;
 
 use std::collections::BTreeMap;
 use std::io::Read as _;
@@ -12,7 +13,8 @@ use nalgebra::{Matrix3, Matrix3x4, Vector2, Vector3, Vector4};
 use roadplane_export::Run;
 use serde_json::{Value, json};
 
-use fixture::{close, export_to, exported, rename_input, run_folder, track};
+use fixture::run_folder;
+use helpers::{close, export_to, exported, rename_input, track};
 
 /// Reads the numbers of a `.trj` file.
 struct Bytes(std::vec::IntoIter<u8>);

@@ -1,4 +1,6 @@
-"""Writes a finished run as a recording for Rerun's viewer: `python -m roadplane.recording RUN FILE.rrd`."""
+"""Writes a finished run as a recording for Rerun's viewer: `python -m roadplane.recording RUN FILE.rrd`.
+
+With `--video CLIP`, the recording also has the frames of the run's video."""
 
 from __future__ import annotations
 
@@ -17,12 +19,15 @@ if TYPE_CHECKING:
     from roadplane.run import Run
 
 
-def record(run: Run, path: Path) -> None:
+def record(run: Run, path: Path, video: Path | None) -> None:
     """Writes a recording; see `Run.to_rerun`."""
+    frames = None if video is None else _frames_of(video, run)
     unfinished = path.with_name(f".{path.name}.tmp")
     with rr.RecordingStream("roadplane", recording_id=run.folder.name) as recording:
         recording.save(unfinished)
         rr.log("world", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+        if frames is not None:
+            _log_video(*frames)
         rows = run.tracks()
         # Each segment has a world of its own; in the recording it begins with its camera.
         for segment, camera in enumerate(run.cameras):
@@ -41,6 +46,35 @@ def record(run: Run, path: Path) -> None:
             for entity in (f"world/cars/{track}", f"world/camera/picture/{track}"):
                 rr.log(entity, rr.Clear(recursive=False))
     os.replace(unfinished, path)
+
+
+def _frames_of(video: Path, run: Run) -> tuple[rr.AssetVideo, np.ndarray]:
+    """Reads a video and the times of its frames, ns. The frames must have the times that the run has."""
+    asset = rr.AssetVideo(path=video)
+    try:
+        stamps_ns = np.array(asset.read_frame_timestamps_nanos())
+    except RuntimeError as error:
+        copied = video.with_suffix(".mp4")
+        remedy = f"Rerun needs an MP4 file, e.g. by ffmpeg -i {video} -c copy {copied}"
+        raise ValueError(f"Rerun cannot read the frames of {video} ({error}): {remedy}") from error
+    times_s = (stamps_ns - stamps_ns[0]) / 1e9
+    step_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 1.0
+    for frame, time_s in run.tracks()[["frame", "time_s"]].drop_duplicates().itertuples(index=False):
+        if frame >= len(times_s):
+            raise ValueError(f"{video} is not the video of this run: it has {len(times_s)} frames, and the run has frame {frame}")
+        if abs(times_s[frame] - time_s) > step_s / 2:
+            is_at = f"frame {frame} is at {times_s[frame]:.3f} s in the video, and at {time_s:.3f} s in the run"
+            raise ValueError(f"{video} is not the video of this run: {is_at}")
+    return asset, stamps_ns
+
+
+def _log_video(asset: rr.AssetVideo, stamps_ns: np.ndarray) -> None:
+    """Logs a video once, and a reference to it for each frame."""
+    entity = "world/camera/picture/video"
+    rr.log(entity, asset, static=True)
+    frames = rr.TimeColumn("frame", sequence=np.arange(len(stamps_ns)))
+    times = rr.TimeColumn("time", duration=(stamps_ns - stamps_ns[0]) / 1e9)
+    rr.send_columns(entity, indexes=[frames, times], columns=rr.VideoFrameReference.columns_nanos(stamps_ns))
 
 
 def _set_time(frame: int, time_s: float) -> None:
@@ -99,8 +133,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("run", type=Path, help="folder of the run")
     parser.add_argument("out", type=Path, help="file to write, .rrd")
+    parser.add_argument("--video", metavar="CLIP", type=Path, help="video of the run, as MP4; the recording gets its frames")
     args = parser.parse_args()
-    record(load(args.run), args.out)
+    try:
+        record(load(args.run), args.out, args.video)
+    except (FileNotFoundError, ValueError) as error:
+        parser.exit(1, f"{error}\n")
 
 
 if __name__ == "__main__":

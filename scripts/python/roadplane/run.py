@@ -131,20 +131,24 @@ class Run:
         draw: Callable[..., Axes] = import_module("roadplane.birds_eye").draw
         return draw(self, ax, segment)
 
-    def to_rerun(self, path: str | PathLike[str]) -> Path:
+    def to_rerun(self, path: str | PathLike[str], video: str | PathLike[str] | None = None) -> Path:
         """Writes a recording for Rerun's viewer: boxes in 3D and in the picture, the camera, speeds over time.
 
         It needs Rerun: `pip install 'roadplane[rerun]'`.
 
         Args:
             path: file to write, `.rrd`. The file appears when it is complete.
+            video: video of the run, an MP4 file. The recording then also has the frames of the video.
 
         Returns:
             The same path.
+
+        Raises:
+            ValueError: `video` is not an MP4 file, or its frames do not have the times of the run.
         """
         extra("rerun")
-        record: Callable[[Run, Path], None] = import_module("roadplane.recording").record
-        record(self, Path(path))
+        record: Callable[[Run, Path, Path | None], None] = import_module("roadplane.recording").record
+        record(self, Path(path), None if video is None else Path(video))
         return Path(path)
 
 
