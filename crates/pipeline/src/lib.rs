@@ -17,7 +17,8 @@
 //! output/        writes the files of a result (finish.rs, track_rows.rs), its report and its video (draw.rs,
 //!                losses.rs)
 //! commands/      one file per command
-//! other files    config.rs, options.rs, models.rs, inputs.rs, identity.rs, limits.rs, progress.rs, cancel.rs, error.rs
+//! other files    config.rs, options.rs, models.rs, inputs.rs, identity.rs, recorded.rs, limits.rs,
+//!                progress.rs, cancel.rs, error.rs
 //! ```
 
 mod cameras;
@@ -34,6 +35,7 @@ mod not_followed;
 mod options;
 mod output;
 mod progress;
+mod recorded;
 mod stream;
 mod tracks;
 
@@ -63,6 +65,7 @@ pub use models::{find_models, find_runtime};
 pub use options::{RunOptions, RunReport};
 pub use output::draw::render_run;
 pub use progress::{Progress, Silent};
+pub use recorded::{Recorded, RecordedFrom, recorded};
 pub use roadplane_write::{EvidenceStore, Existing, FolderLock, WriteError};
 pub use stream::nets::{Nets, open_activity, open_detector, open_keypoints};
 pub use stream::span::Span;
