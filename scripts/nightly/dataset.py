@@ -3,8 +3,8 @@
   dataset.py [--camera-id ID] STATUS RESULT_STATUS…
 
 The files are dataset/camera=…/day=…/CLIP.parquet. The columns are those of tracks.parquet, `clip`, and `moment`: the
-date and time of a row (UTC, or as in the clip's name). A clip is filed under the day on which it begins. The plan of the
-night has the beginning of each clip.
+date and time of a row (UTC, or as in the clip's name). A clip is filed under the day on which it begins. The plan of
+the night has the beginning of each clip.
 """
 
 import argparse

@@ -74,7 +74,12 @@ class Steps(unittest.TestCase):
     def test_the_status_of_a_joined_run_is_its_outcome(self) -> None:
         self.piece("good", 1)
         line = ["step.py", "result", "steps/result/good.json", "steps/piece/good/000000.json"]
-        states: dict[str | None, str] = {"complete": "done", "partly_followed": "partly followed", "input_damaged": "damaged", "points_not_used": "done"}
+        states: dict[str | None, str] = {
+            "complete": "done",
+            "partly_followed": "partly followed",
+            "input_damaged": "damaged",
+            "points_not_used": "done",
+        }
         states[None] = "lost"
         for state, outcome in states.items():
 
