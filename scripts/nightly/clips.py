@@ -1,13 +1,18 @@
-"""The clips of a night: their files, their cameras, and their recording times."""
+"""The clips of a night: their files, their cameras and their recording times; and the program."""
 
 import datetime
 import json
+import os
 import re
+import shutil
 from pathlib import Path
+from typing import Any
+
+# An object of a JSON file.
+Json = dict[str, Any]
 
 # Every file of the folder is a clip unless its name marks it as a companion. The page lists files that are no video.
 BESIDE = {".txt", ".json", ".csv", ".md", ".xml", ".srt", ".sha256", ".part", ".tmp"}
-TIME = re.compile(r"(20\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[-_.T ]?(\d\d)[-_.:]?(\d\d)[-_.:]?(\d\d)")
 
 
 def clips_in(inputs: str | Path) -> dict[str, Path]:
@@ -51,16 +56,34 @@ def camera_of(stem: str, camera_id: str) -> str:
     return found.group(1) if found else "unknown"
 
 
-def recorded(stem: str, path: str | Path) -> datetime.datetime:
-    """Returns the beginning of a clip: the time in its name, else the time of the file's last change (UTC)."""
-    found = TIME.search(stem)
-    if found:
-        try:
-            year, month, day, hour, minute, second = map(int, found.groups())
-            return datetime.datetime(year, month, day, hour, minute, second)
-        except ValueError:
-            pass
-    try:
-        return datetime.datetime.fromtimestamp(Path(path).stat().st_mtime, datetime.UTC).replace(tzinfo=None, microsecond=0)
-    except OSError:
-        return datetime.datetime(1970, 1, 1)
+def recorded(planned: Json) -> tuple[datetime.datetime, str] | None:
+    """Returns the beginning of a clip and the origin of this time: "name", "container" or "file".
+
+    `planned` is a line of the plan. The time is UTC, or as in the clip's name. None for a clip that cannot be read.
+    """
+    if "recorded" not in planned:
+        return None
+    return datetime.datetime.fromisoformat(planned["recorded"]), planned["recorded_from"]
+
+
+def is_of_older_version(plan: Path) -> bool:
+    """Returns whether a plan lacks the times at which the clips were recorded."""
+    lines = [json.loads(line) for line in plan.read_text().splitlines()] if plan.is_file() else []
+    return any("piece" in line and "recorded" not in line for line in lines)
+
+
+def binary(given: str, called_from: Path, root: Path) -> str:
+    """Returns the path of the program: the given one, else that of the checkout `root`, else the one on PATH."""
+    if given:
+        path = called_from / given if "/" in given else shutil.which(given)
+        if path is None or not os.access(path, os.X_OK):
+            raise SystemExit(f"roadplane={given}: there is no such program")
+        return str(Path(path).resolve())
+    built = root / "target/release/roadplane"
+    found = str(built) if os.access(built, os.X_OK) else shutil.which("roadplane")
+    if found is None:
+        raise SystemExit(
+            f"the program was not found: neither {built} nor roadplane on PATH; build it with "
+            "`cargo build --release`, or name it: --config roadplane=/path/to/roadplane"
+        )
+    return found

@@ -3,11 +3,13 @@
   dataset.py [--camera-id ID] STATUS RESULT_STATUS…
 
 The files are dataset/camera=…/day=…/CLIP.parquet. The columns are those of tracks.parquet, `clip`, and `moment`: the
-time of day of a row (UTC, or as in the clip's name). A clip is filed under the day on which it begins.
+date and time of a row (UTC, or as in the clip's name). A clip is filed under the day on which it begins. The plan of
+the night has the beginning of each clip.
 """
 
 import argparse
 import datetime
+import json
 import os
 from pathlib import Path
 
@@ -18,6 +20,8 @@ from clips import camera_of, recorded
 from step import read_json, write_json
 
 ROOT = Path("dataset")
+# Time of a clip that the plan does not have.
+UNKNOWN = datetime.datetime(1970, 1, 1)
 
 
 def add(tracks: Path, stem: str, begun: datetime.datetime, to: Path) -> int:
@@ -46,12 +50,13 @@ def main() -> None:
     args = parser.parse_args()
     wanted: set[Path] = set()
     rows: dict[str, int] = {}
+    planned = {line["stem"]: line for line in map(json.loads, Path("steps/plan.jsonl").read_text().splitlines())}
     for path in args.results:
         result = read_json(path)
         if "made" not in result:
             continue
         stem = result["stem"]
-        begun = recorded(stem, result["input"])
+        begun, _ = recorded(planned[stem]) or (UNKNOWN, "")
         to = ROOT / f"camera={camera_of(stem, args.camera_id)}" / f"day={begun.date()}" / f"{stem}.parquet"
         tracks = Path(result["made"]) / "tracks.parquet"
         wanted.add(to)

@@ -21,10 +21,12 @@ OUTCOMES = ("done", "partly followed", "damaged", "lost", "failed", "not done")
 def clip_of(planned: Json, camera_id: str) -> Json:
     """Returns the outcome of a clip, for a line of the table."""
     stem = planned["stem"]
+    time, origin = recorded(planned) or ("", "")
     clip: Json = {
         "stem": stem,
         "input": planned["input"],
-        "recorded": str(recorded(stem, planned["input"])),
+        "recorded": str(time),
+        "recorded_from": origin,
         "camera": camera_of(stem, camera_id),
         "outcome": planned.get("outcome", "not done"),
         "said": planned.get("said", []),
@@ -120,8 +122,18 @@ def main() -> None:
     clips = [clip_of(piece, args.camera_id) for piece in planned.values()]
     clips.sort(key=lambda clip: (clip["camera"], clip["recorded"], clip["stem"]))
     outcomes = {o: sum(clip["outcome"] == o for clip in clips) for o in OUTCOMES}
+    by_file = [clip["stem"] for clip in clips if clip["recorded_from"] == "file"]
+    if by_file:
+        names = ", ".join(by_file)
+        print(f"{len(by_file)} clips are dated by file time, as neither name nor container has a time: {names}")
+    unknown = [clip["stem"] for clip in clips if args.camera_id and clip["camera"] == "unknown"]
+    if unknown:
+        print(f"{len(unknown)} clips have no camera according to {args.camera_id}: {', '.join(unknown)}")
     night: Json = {
         "clips": clips,
+        "dated_by_file": by_file,
+        "without_camera": unknown,
+        "camera_id": args.camera_id,
         "outcomes": outcomes,
         "attempts": attempts(),
         "work": work(),

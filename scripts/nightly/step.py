@@ -23,10 +23,8 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-# An object of a JSON file.
-Json = dict[str, Any]
+from clips import Json
 
 LAST_ATTEMPT = 3
 INPUT_AT_FAULT = 3

@@ -12,7 +12,7 @@ from pathlib import Path
 from unittest import mock
 
 import step
-from clips import camera_of, clips_in, is_failed, recorded
+from clips import binary, camera_of, clips_in, is_failed, is_of_older_version, recorded
 from overhead import at_work_s
 
 # Replaces the binary: the clip's name decides the exit code, and whether a piece is written.
@@ -74,7 +74,12 @@ class Steps(unittest.TestCase):
     def test_the_status_of_a_joined_run_is_its_outcome(self) -> None:
         self.piece("good", 1)
         line = ["step.py", "result", "steps/result/good.json", "steps/piece/good/000000.json"]
-        states: dict[str | None, str] = {"complete": "done", "partly_followed": "partly followed", "input_damaged": "damaged", "points_not_used": "done"}
+        states: dict[str | None, str] = {
+            "complete": "done",
+            "partly_followed": "partly followed",
+            "input_damaged": "damaged",
+            "points_not_used": "done",
+        }
         states[None] = "lost"
         for state, outcome in states.items():
 
@@ -108,10 +113,36 @@ class Names(unittest.TestCase):
         self.assertEqual([camera_of("plain", given) for given in ("{}_*", "", "gate")], ["unknown", "unknown", "gate"])
 
     def test_times(self) -> None:
-        told = datetime.datetime(2026, 1, 31, 23, 59, 59)
-        for name in ("c_20260131T235959", "2026-01-31_23-59-59"):
-            self.assertEqual(recorded(name, "absent"), told)
-        self.assertEqual(recorded("20261331235959", "absent"), datetime.datetime(1970, 1, 1))
+        planned = {"stem": "gate-3", "recorded": "2026-01-31T22:00:00", "recorded_from": "name"}
+        self.assertEqual(recorded(planned), (datetime.datetime(2026, 1, 31, 22), "name"))
+        self.assertIsNone(recorded({"stem": "gate-3", "outcome": "lost"}))
+
+    def test_plans_without_times_are_made_again(self) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            plan = Path(folder) / "plan.jsonl"
+            lines = {"": False, '{"outcome": "lost"}': False, '{"piece": "0-"}': True, '{"piece": "0-", "recorded": ""}': False}
+            for line, is_old in lines.items():
+                plan.write_text(line)
+                self.assertEqual(is_of_older_version(plan), is_old, line)
+        self.assertFalse(is_of_older_version(plan))
+
+
+class Program(unittest.TestCase):
+    def test_the_program_is_given_or_of_the_checkout_or_on_the_path(self) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            root = Path(folder).resolve()
+            with mock.patch.dict(os.environ, {"PATH": str(root / "bin")}):
+                with self.assertRaisesRegex(SystemExit, "--config roadplane="):
+                    binary("", root, root)
+                for given in ("target/release/roadplane", "roadplane"):
+                    self.assertRaisesRegex(SystemExit, given, binary, given, root, root)
+                for place in ("bin", "target/release"):
+                    program = root / place / "roadplane"
+                    program.parent.mkdir(parents=True)
+                    program.touch(0o755)
+                    self.assertEqual(binary("", root, root), str(program))
+                self.assertEqual(binary("roadplane", root, root), str(root / "bin/roadplane"))
+                self.assertEqual(binary("bin/roadplane", root, root), str(root / "bin/roadplane"))
 
 
 class Overhead(unittest.TestCase):

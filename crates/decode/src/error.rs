@@ -18,7 +18,7 @@ pub enum DecodeError {
     /// The input is the address of a stream, and not a file.
     #[error(
         "streams are not read; record them: {address}\nThis command cuts the stream into clips of ten minutes, named \
-         by camera and time:\n  ffmpeg {transport}-i '{address}' -c copy -f segment -segment_time 600 \
+         by camera and time:\n  ffmpeg {transport}-i '{address}' -an -c copy -f segment -segment_time 600 \
          -reset_timestamps 1 -strftime 1 'clips/CAMERA_%Y%m%d_%H%M%S.mp4'"
     )]
     Stream {

@@ -53,3 +53,4 @@ pub use library::{backends, library_version};
 pub use options::{ASSUMED_IMAGE_FPS, DecodeOptions};
 pub use report::{DamagedInterval, DecodeReport};
 pub use sniff::{Content, sniff};
+pub use structure::creation_time;

@@ -1,10 +1,12 @@
-//! Detects files that end earlier than their own structure states. This check needs no decoding.
+//! Reads the structure of files without decoding them: files that end earlier than their own structure states, edit
+//! lists, and the time of creation.
 
 use std::fs::File;
 use std::io::{Read as _, Seek as _, SeekFrom};
 use std::path::Path;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
-use crate::Content;
+use crate::{Content, sniff};
 
 /// Largest number of top-level boxes of an MP4 file that are read.
 const MAX_BOXES: usize = 10_000;
@@ -24,33 +26,58 @@ pub(crate) fn is_cut_short(path: &Path, content: Content) -> bool {
 /// Largest number of bytes of an MP4's movie box (`moov`) that are searched for edit lists.
 const MAX_MOOV_BYTES: u64 = 64 << 20;
 
+/// Seconds from the epoch of MP4 files (1904) to that of Unix (1970).
+const MP4_EPOCH_S: u64 = 2_082_844_800;
+/// Plausible times of a recording, s since 1970: the years 2000 to 2099. Cameras with an unset clock write others.
+const PLAUSIBLE_S: std::ops::Range<u64> = 946_684_800..4_102_444_800;
+
+/// Returns the time that the container of an MP4 file states as the time of its creation, UTC.
+///
+/// Returns `None` for other files, and if the container has no time from 2000 to 2099.
+#[must_use]
+pub fn creation_time(path: &Path) -> Option<SystemTime> {
+    if sniff(path).ok()? != Content::Mp4 {
+        return None;
+    }
+    let moov = movie_box(path)?;
+    let header = child(&moov, b"mvhd")?;
+    let seconds = match header.first()? {
+        0 => u64::from(u32::from_be_bytes(*header.get(4..)?.first_chunk()?)),
+        _ => u64::from_be_bytes(*header.get(4..)?.first_chunk()?),
+    };
+    let seconds = seconds.checked_sub(MP4_EPOCH_S).filter(|seconds| PLAUSIBLE_S.contains(seconds))?;
+    UNIX_EPOCH.checked_add(Duration::from_secs(seconds))
+}
+
 /// Whether the edit list of an MP4 file leaves out a part of its video.
 pub(crate) fn is_trimmed(path: &Path) -> bool {
-    let moov = || {
-        let mut file = File::open(path).ok()?;
-        let length = file.metadata().ok()?.len();
-        let mut at = 0;
-        for _ in 0..MAX_BOXES {
-            file.seek(SeekFrom::Start(at)).ok()?;
-            let mut header = [0_u8; 16];
-            file.read_exact(if length - at >= 16 { &mut header } else { &mut header[..8] }).ok()?;
-            let [a, b, c, d, name @ .., _, _, _, _, _, _, _, _] = header;
-            let [_, _, _, _, _, _, _, _, large @ ..] = header;
-            let size = match u32::from_be_bytes([a, b, c, d]) {
-                1 => u64::from_be_bytes(large),
-                size => u64::from(size),
-            };
-            if &name == b"moov" {
-                let mut bytes = Vec::new();
-                file.seek(SeekFrom::Start(at + 8)).ok()?;
-                file.take(size.saturating_sub(8).min(MAX_MOOV_BYTES)).read_to_end(&mut bytes).ok()?;
-                return Some(bytes);
-            }
-            at = at.checked_add(size.max(8)).filter(|&next| next + 8 <= length)?;
+    movie_box(path).is_some_and(|moov| trimmed_track(&moov).unwrap_or(false))
+}
+
+/// Returns the content of the movie box (`moov`) of an MP4 file.
+fn movie_box(path: &Path) -> Option<Vec<u8>> {
+    let mut file = File::open(path).ok()?;
+    let length = file.metadata().ok()?.len();
+    let mut at = 0;
+    for _ in 0..MAX_BOXES {
+        file.seek(SeekFrom::Start(at)).ok()?;
+        let mut header = [0_u8; 16];
+        file.read_exact(if length - at >= 16 { &mut header } else { &mut header[..8] }).ok()?;
+        let [a, b, c, d, name @ .., _, _, _, _, _, _, _, _] = header;
+        let [_, _, _, _, _, _, _, _, large @ ..] = header;
+        let size = match u32::from_be_bytes([a, b, c, d]) {
+            1 => u64::from_be_bytes(large),
+            size => u64::from(size),
+        };
+        if &name == b"moov" {
+            let mut bytes = Vec::new();
+            file.seek(SeekFrom::Start(at + 8)).ok()?;
+            file.take(size.saturating_sub(8).min(MAX_MOOV_BYTES)).read_to_end(&mut bytes).ok()?;
+            return Some(bytes);
         }
-        None
-    };
-    moov().is_some_and(|moov| trimmed_track(&moov).unwrap_or(false))
+        at = at.checked_add(size.max(8)).filter(|&next| next + 8 <= length)?;
+    }
+    None
 }
 
 /// Returns the contents of the first MP4 box with this name, or `None` if there is no such box.
@@ -196,5 +223,25 @@ mod tests {
             let between_boxes = [0, 12, whole.len()].contains(&length);
             assert_eq!(is_cut_short(&path, Content::Mp4), !between_boxes, "{length} bytes");
         }
+    }
+
+    #[test]
+    fn the_container_states_the_time_of_its_creation() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.mp4");
+        let box_of =
+            |name: &[u8; 4], body: &[u8]| [&(body.len() as u32 + 8).to_be_bytes()[..], name, body].concat();
+        let read = |version: u8, time: &[u8]| {
+            let mvhd = [&[version, 0, 0, 0][..], time, &[0; 100]].concat();
+            let file = [box_of(b"ftyp", b"isom\0\0\0\0"), box_of(b"moov", &box_of(b"mvhd", &mvhd))];
+            std::fs::write(&path, file.concat()).unwrap();
+            creation_time(&path).map(|time| time.duration_since(UNIX_EPOCH).unwrap().as_secs())
+        };
+        let stated = 1_769_896_800 + MP4_EPOCH_S;
+        assert_eq!(read(0, &(stated as u32).to_be_bytes()), Some(1_769_896_800));
+        assert_eq!(read(1, &stated.to_be_bytes()), Some(1_769_896_800));
+        assert_eq!((read(0, &[0; 4]), read(1, &[0xff; 8])), (None, None));
+        std::fs::write(&path, "no video").unwrap();
+        assert_eq!(creation_time(&path), None);
     }
 }

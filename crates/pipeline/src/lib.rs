@@ -18,7 +18,8 @@
 //!                losses.rs)
 //! traffic/       tables of traffic from the tracks of finished runs
 //! commands/      one file per command
-//! other files    config.rs, options.rs, models.rs, inputs.rs, identity.rs, limits.rs, progress.rs, cancel.rs, error.rs
+//! other files    config.rs, options.rs, models.rs, inputs.rs, identity.rs, recorded.rs, limits.rs,
+//!                progress.rs, cancel.rs, error.rs
 //! ```
 
 mod cameras;
@@ -35,6 +36,7 @@ mod not_followed;
 mod options;
 mod output;
 mod progress;
+mod recorded;
 mod stream;
 mod tracks;
 mod traffic;
@@ -65,6 +67,7 @@ pub use models::{find_models, find_runtime};
 pub use options::{RunOptions, RunReport};
 pub use output::draw::render_run;
 pub use progress::{Progress, Silent};
+pub use recorded::{Recorded, RecordedFrom, recorded};
 pub use roadplane_traffic::Units;
 pub use roadplane_write::{EvidenceStore, Existing, FolderLock, WriteError};
 pub use stream::nets::{Nets, open_activity, open_detector, open_keypoints};

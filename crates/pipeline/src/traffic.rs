@@ -16,7 +16,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use roadplane_traffic::{
-    Clock, ClockError, Figures, Site, SiteClip, TRAFFIC_SCHEMA, TrafficCamera, TrafficFile, Units, find_scene,
+    Clock, ClockError, Figures, Site, SiteClip, TRAFFIC_SCHEMA, TrafficCamera, TrafficFile, find_scene,
 };
 
 use roadplane_write::{OutFile, Summary};
@@ -63,7 +63,7 @@ pub fn traffic(inputs: &[PathBuf], options: &TrafficOptions) -> Result<TrafficRe
         clips.extend(read_input(input, &clock, start_s)?);
     }
     let mut warnings = Vec::new();
-    let cameras = by_camera(clips, camera_id.as_ref(), &mut warnings)?;
+    let cameras = by_camera(clips, camera_id.as_ref(), &mut warnings);
     report(cameras, &options.tables, &clock, warnings)
 }
 
@@ -79,7 +79,7 @@ pub(crate) fn traffic_of_run(
 ) -> Result<TrafficReport, PipelineError> {
     let clock = clock_of(tables)?;
     let clips = read_run(folder, name, summary, &clock, None)?;
-    report(by_camera(clips, None, &mut Vec::new())?, tables, &clock, Vec::new())
+    report(by_camera(clips, None, &mut Vec::new()), tables, &clock, Vec::new())
 }
 
 /// Checks the settings of the tables, before any work is done.
@@ -193,13 +193,19 @@ fn by_camera(
     clips: Vec<RunClip>,
     camera_id: Option<&CameraId>,
     warnings: &mut Vec<String>,
-) -> Result<BTreeMap<String, Vec<RunClip>>, PipelineError> {
+) -> BTreeMap<String, Vec<RunClip>> {
     let mut cameras: BTreeMap<String, Vec<RunClip>> = BTreeMap::new();
     for clip in clips {
         let camera = match (&clip.camera, camera_id) {
             (Some(camera), _) => camera.clone(),
             // The suffix keeps the whole name, because a name may contain a dot.
-            (None, Some(id)) => id.of(Path::new(&format!("{}.mp4", clip.clip.name)))?,
+            (None, Some(id)) => id.of(Path::new(&format!("{}.mp4", clip.clip.name))).unwrap_or_else(|| {
+                let name = &clip.clip.name;
+                warnings.push(format!(
+                    "{name}: --camera-id finds no camera in the name; it is a camera of its own"
+                ));
+                name.clone()
+            }),
             (None, None) => clip.clip.name.clone(),
         };
         if clip.clip.start_s.is_none() {
@@ -222,5 +228,5 @@ fn by_camera(
             start(a).total_cmp(&start(b)).then_with(|| a.clip.name.cmp(&b.clip.name))
         });
     }
-    Ok(cameras)
+    cameras
 }

@@ -1,25 +1,37 @@
 //! Times of recording: from file names, as text and as seconds since 1970.
 
+use std::sync::LazyLock;
+
 use jiff::Timestamp;
 use jiff::civil::{Date, DateTime, Time};
 use jiff::tz::TimeZone;
 use regex::Regex;
 
-/// Returns the date and time in the name of a clip, such as `gate-3_20260131_2200.mp4`. Seconds, or the whole time of
-/// day, may be missing. `None` if the name has no date.
+/// Notations of a time in a name, the most exact one first. A date without a second must not be a part of a longer
+/// number, because such numbers are common.
+static NOTATIONS: LazyLock<Vec<Regex>> = LazyLock::new(|| {
+    let date = r"(20\d\d)(?:(\d\d)(\d\d)|[-_.](\d\d)[-_.](\d\d))";
+    let forms = [
+        r"(20\d\d)[-_.]?(\d\d)[-_.]?(\d\d)[-_.T ]?(\d\d)[-_.:]?(\d\d)[-_.:]?(\d\d)".to_owned(),
+        format!(r"(?:^|\D){date}[-_.T ]?(\d\d)[-_.:]?(\d\d)(?:\D|$)"),
+        format!(r"(?:^|\D){date}(?:\D|$)"),
+    ];
+    forms.iter().filter_map(|form| Regex::new(form).ok()).collect()
+});
+
+/// Returns the date and time in the name of a clip, in a notation such as `20260131T235959`, `2026-01-31_23-59`, or
+/// `20260131`. `None` if the name has no date.
 #[must_use]
 pub fn start_in_name(name: &str) -> Option<DateTime> {
-    let form = Regex::new(
-        r"(?:^|\D)((?:19|20)\d\d)[-_.]?(\d\d)[-_.]?(\d\d)(?:[-_.T ]+(\d\d)[-_.:h]?(\d\d)(?:[-_.:m]?(\d\d))?|(\d\d)(\d\d)(\d\d))?(?:\D|$)",
-    );
-    let found = form.ok()?.captures(name)?;
-    let number = |i: usize| found.get(i).and_then(|text| text.as_str().parse::<i16>().ok());
-    let small = |i: usize, or: usize| {
-        number(i).or_else(|| number(or)).and_then(|n| i8::try_from(n).ok()).unwrap_or(0)
-    };
-    let date = Date::new(number(1)?, small(2, 2), small(3, 3)).ok()?;
-    let time = Time::new(small(4, 7), small(5, 8), small(6, 9), 0).ok()?;
-    Some(DateTime::from_parts(date, time))
+    NOTATIONS.iter().find_map(|notation| {
+        let found = notation.captures(name)?;
+        let parts: Vec<i16> =
+            found.iter().skip(1).flatten().filter_map(|m| m.as_str().parse().ok()).collect();
+        let part = |i: usize| i8::try_from(parts.get(i).copied().unwrap_or(0)).ok();
+        let date = Date::new(*parts.first()?, part(1)?, part(2)?).ok()?;
+        let time = Time::new(part(3)?, part(4)?, part(5)?, 0).ok()?;
+        Some(DateTime::from_parts(date, time))
+    })
 }
 
 /// Returns the date and time in the name of a clip as text, such as `2026-01-31T22:00:00`; `None` if the name has no date.
@@ -48,19 +60,27 @@ mod tests {
     use super::*;
 
     #[test]
-    fn dates_in_names() {
-        let start = |name: &str| start_in_name(name).map(|local| local.to_string());
-        for (name, expected) in [
-            ("gate-3_20260131_2200", "2026-01-31T22:00:00"),
-            ("gate-3_20260131", "2026-01-31T00:00:00"),
-            ("2018-03-07.11-05-07.11-10-07.school.G330", "2018-03-07T11:05:07"),
-            ("cam1_20260131221530", "2026-01-31T22:15:30"),
-            ("cam 2026-01-31T22:15", "2026-01-31T22:15:00"),
+    fn times_are_read_from_names() {
+        for (name, time) in [
+            ("c_20260131T235959", Some("2026-01-31T23:59:59")),
+            ("2026-01-31_23-59-59", Some("2026-01-31T23:59:59")),
+            ("x20260131235959y", Some("2026-01-31T23:59:59")),
+            ("gate-3_20260131_2200", Some("2026-01-31T22:00:00")),
+            ("2026-01-31_22-05_gate", Some("2026-01-31T22:05:00")),
+            ("gate 202601312205", Some("2026-01-31T22:05:00")),
+            ("gate_20260131", Some("2026-01-31T00:00:00")),
+            ("2018-03-07.11-05-07.11-10-07.school.G330", Some("2018-03-07T11:05:07")),
+            ("2026.01.31.gate-12", Some("2026-01-31T00:00:00")),
+            // The number after the date is no time.
+            ("20260131_2575", Some("2026-01-31T00:00:00")),
+            ("20260131_7", Some("2026-01-31T00:00:00")),
+            ("20261331235959", None),
+            ("gate_20261331", None),
+            ("VIRAT_S_040100", None),
+            ("VIRAT_S_200101_02", None),
+            ("id1202601314", None),
         ] {
-            assert_eq!(start(name).as_deref(), Some(expected), "{name}");
-        }
-        for name in ["lot", "VIRAT_S_000002", "cam_20261331_2200", "20260131991500"] {
-            assert_eq!(start(name), None, "{name}");
+            assert_eq!(time_in_name(name).as_deref(), time, "{name}");
         }
     }
 

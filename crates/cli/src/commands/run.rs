@@ -67,7 +67,7 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
                     if cancel.is_stopped() {
                         break;
                     }
-                    let camera = options.cameras.as_ref().and_then(|database| database.camera_of(input).ok());
+                    let camera = options.cameras.as_ref().and_then(|database| database.camera_of(input));
                     let name = stem_of(input);
                     let _input =
                         tracing::info_span!(target: "roadplane_ids", "input", clip = name, camera).entered();

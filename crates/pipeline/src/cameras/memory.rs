@@ -7,7 +7,6 @@
 use std::collections::BTreeMap;
 use std::collections::btree_map::Entry;
 use std::path::{Path, PathBuf};
-use std::time::UNIX_EPOCH;
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
@@ -18,9 +17,10 @@ use roadplane_base::{CameraEstimate, CameraEvidence, ClipIdentity, ImageSize};
 use roadplane_calibrate::{Epoch, SameView, epochs, fuse};
 use roadplane_view::ViewError;
 use roadplane_watch::BackgroundPicture;
-use roadplane_write::{EvidenceStore, InputSummary, WriteError, civil_time, is_camera_id, time_in_name};
+use roadplane_write::{EvidenceStore, InputSummary, WriteError, is_camera_id};
 
 use crate::cameras::joining::fuse_options;
+use crate::recorded::{Recorded, RecordedFrom, recorded};
 use crate::{CameraConstraints, Config, PipelineError, stem_of};
 
 /// File name of a clip's evidence in its result.
@@ -73,30 +73,28 @@ impl CameraId {
         Ok(Self { text: text.to_owned(), pattern: Some(pattern) })
     }
 
-    /// Returns the camera of an input; a usage error if the name does not match.
-    pub(crate) fn of(&self, input: &Path) -> Result<String, PipelineError> {
-        let Some(pattern) = &self.pattern else { return Ok(self.text.clone()) };
-        let stem = stem_of(input);
-        let id = pattern.captures(&stem).and_then(|found| Some(found.get(1)?.as_str().to_owned()));
-        id.filter(|id| is_camera_id(id)).ok_or_else(|| {
-            let text = &self.text;
-            PipelineError::usage(&format!(
-                "the pattern --camera-id {text:?} finds no valid name of a camera in {stem:?}"
-            ))
-        })
+    /// Returns the camera of an input; `None` if the pattern finds no valid name of a camera in the input's name.
+    pub(crate) fn of(&self, input: &Path) -> Option<String> {
+        let Some(pattern) = &self.pattern else { return Some(self.text.clone()) };
+        let id = pattern.captures(&stem_of(input))?.get(1)?.as_str().to_owned();
+        Some(id).filter(|id| is_camera_id(id))
     }
 }
 
 impl CameraDatabase {
-    /// Reads the stored evidence of the inputs' cameras. Damaged files are reported in the log and skipped.
+    /// Reads the stored evidence of the inputs' cameras. Damaged files and inputs without a camera are reported in the
+    /// log and skipped.
     ///
     /// # Errors
-    /// [`PipelineError::Usage`] where an input has no camera, [`PipelineError::Write`] where the folder cannot be read.
+    /// [`PipelineError::Usage`] where `id` is not valid, [`PipelineError::Write`] where the folder cannot be read.
     pub fn open(folder: &Path, id: &str, inputs: &[impl AsRef<Path>]) -> Result<Self, PipelineError> {
         let (store, id) = (EvidenceStore::new(folder), CameraId::new(id)?);
         let mut known = BTreeMap::new();
         for input in inputs {
-            let camera = id.of(input.as_ref())?;
+            let Some(camera) = id.of(input.as_ref()) else {
+                tracing::warn!("{}", unknown_camera(&id, input.as_ref()));
+                continue;
+            };
             if let Entry::Vacant(unread) = known.entry(camera) {
                 let evidence = sound(store.read(unread.key())?);
                 unread.insert(evidence);
@@ -105,30 +103,40 @@ impl CameraDatabase {
         Ok(Self { store, id, known })
     }
 
-    /// Returns the camera of an input.
-    ///
-    /// # Errors
-    /// [`PipelineError::Usage`] where the input's name does not contain a camera.
-    pub fn camera_of(&self, input: &Path) -> Result<String, PipelineError> {
+    /// Returns the camera of an input; `None` if the input's name does not contain a camera.
+    #[must_use]
+    pub fn camera_of(&self, input: &Path) -> Option<String> {
         self.id.of(input)
     }
 
-    /// Returns the evidence that an input starts from: that of all other clips of its camera.
+    /// Returns the warning about an input without a camera; `None` if the input has a camera.
+    pub(crate) fn warning_of(&self, input: &Path) -> Option<String> {
+        self.id.of(input).is_none().then(|| unknown_camera(&self.id, input))
+    }
+
+    /// Returns the evidence that an input starts from: that of all other clips of its camera. `None` if the input has
+    /// no camera.
     pub(crate) fn history_of(
         &self,
         input: &Path,
         identity: &InputSummary,
         models: Vec<String>,
         place: Option<&RgbImage>,
-    ) -> Result<CameraHistory, PipelineError> {
-        let camera = self.id.of(input)?;
+    ) -> Result<Option<CameraHistory>, PipelineError> {
+        let Some(camera) = self.id.of(input) else { return Ok(None) };
         let name = stem_of(input);
-        let recorded = time_in_name(&name).unwrap_or_else(|| modified(input));
+        let Recorded { time: recorded, from } = recorded(input);
+        match from {
+            RecordedFrom::File => tracing::warn!(
+                "{name} is dated {recorded}, when its file was last changed: neither its name nor its container has a time"
+            ),
+            from => tracing::info!("{name} was recorded on {recorded}, according to its {}", from.in_words()),
+        }
         let clip = ClipIdentity { recorded, sha256: identity.sha256.clone(), name };
         let known = self.known.get(&camera).map(Vec::as_slice).unwrap_or_default();
         let evidence = known.iter().filter(|e| e.clip.sha256 != clip.sha256).cloned().collect();
         let place = place.map(|place| packed(&BackgroundPicture::of(place)?)).transpose()?;
-        Ok(CameraHistory { camera, clip, models, place, evidence })
+        Ok(Some(CameraHistory { camera, clip, models, place, evidence }))
     }
 
     /// Adds the evidence of a finished result to the database, if it has any.
@@ -142,6 +150,14 @@ impl CameraDatabase {
         }
         Ok(())
     }
+}
+
+fn unknown_camera(id: &CameraId, input: &Path) -> String {
+    format!(
+        "the pattern --camera-id {:?} finds no camera in the name {:?}: this clip does not use the camera database",
+        id.text,
+        stem_of(input)
+    )
 }
 
 /// Drops evidence that cannot be read, and reports it in the log.
@@ -254,26 +270,32 @@ pub fn merge_cameras(from: &[PathBuf], out: &Path) -> Result<usize, PipelineErro
     Ok(added)
 }
 
-/// Returns the time when a file was last changed, UTC.
-fn modified(input: &Path) -> String {
-    let changed = input.metadata().and_then(|metadata| metadata.modified()).unwrap_or(UNIX_EPOCH);
-    civil_time(changed.duration_since(UNIX_EPOCH).unwrap_or_default().as_secs().cast_signed())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
     fn a_camera_is_named_or_found_in_the_files_name() {
-        let of = |id: &str, file: &str| CameraId::new(id).and_then(|id| id.of(Path::new(file)));
+        let of = |id: &str, file: &str| CameraId::new(id).unwrap().of(Path::new(file));
         assert_eq!(of("gate-3", "a.mp4").unwrap(), "gate-3");
         assert_eq!(of("{}_*", "/x/gate-3_20260131_2200.mp4").unwrap(), "gate-3");
         assert_eq!(of("VIRAT_S_{}_*", "VIRAT_S_0401_02.mp4").unwrap(), "0401");
         assert_eq!(of("*.{}", "2026.c1.mp4").unwrap(), "c1");
-        for (id, file) in [("", "a"), ("a/b", "a"), ("..", "a"), ("{}_*", "plain.mp4"), ("{}_{}", "a_b.mp4")]
-        {
-            assert!(matches!(of(id, file), Err(PipelineError::Usage { .. })), "{id} {file}");
+        assert_eq!((of("{}_*", "plain.mp4"), of("{}_*", "._a.mp4")), (None, None));
+        for id in ["", "a/b", "..", "{}_{}"] {
+            assert!(matches!(CameraId::new(id), Err(PipelineError::Usage { .. })), "{id}");
         }
+    }
+
+    #[test]
+    fn an_input_without_a_camera_does_not_use_the_database() {
+        let folder = tempfile::tempdir().unwrap();
+        let inputs = ["gate_20260131.mp4", "plain.mp4"].map(PathBuf::from);
+        let database = CameraDatabase::open(folder.path(), "{}_*", &inputs).unwrap();
+        let history =
+            |input: &Path| database.history_of(input, &InputSummary::default(), Vec::new(), None).unwrap();
+        assert_eq!(history(&inputs[0]).unwrap().camera, "gate");
+        assert!(history(&inputs[1]).is_none() && database.warning_of(&inputs[0]).is_none());
+        assert!(database.warning_of(&inputs[1]).unwrap().contains("finds no camera in the name \"plain\""));
     }
 }

@@ -21,6 +21,7 @@ use crate::commands::run::discarded;
 use crate::identity::stem_of;
 use crate::not_followed::NotFollowed;
 use crate::options::{RunOptions, RunReport};
+use crate::recorded::{Recorded, RecordedFrom, recorded};
 use crate::stream::perception::{Job, Perceived, Perception, STAMP, Stamp, perceive};
 use crate::stream::span::{STEP_S, Span};
 use crate::stream::speed::Meter;
@@ -55,6 +56,10 @@ pub struct PlannedPiece {
     /// Total number of pieces of the input.
     #[schemars(range(min = 1))]
     pub pieces: u64,
+    /// Time at which the input was recorded, such as `2026-01-31T22:00:00`. It is UTC, or as in the input's name.
+    pub recorded: String,
+    /// Origin of that time.
+    pub recorded_from: RecordedFrom,
 }
 
 /// Returns the name and the JSON schema of every kind of file. These are the files of a result, `piece` for
@@ -104,6 +109,7 @@ pub fn plan(input_path: &Path, piece_s: u64, config: &Config) -> Result<Vec<Plan
         }
     }
     let stem = stem_of(input_path);
+    let Recorded { time, from } = recorded(input_path);
     let piece = |(i, from_s): (usize, &u64)| {
         let piece = Span { from_s: *from_s, to_s: cuts.get(i + 1).copied() };
         PlannedPiece {
@@ -113,6 +119,8 @@ pub fn plan(input_path: &Path, piece_s: u64, config: &Config) -> Result<Vec<Plan
             piece,
             number: i as u64 + 1,
             pieces: cuts.len() as u64,
+            recorded: time.clone(),
+            recorded_from: from,
         }
     };
     Ok(cuts.iter().enumerate().map(piece).collect())

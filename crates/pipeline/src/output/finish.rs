@@ -49,7 +49,8 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
         .map(|database| {
             database.history_of(input, &perceived.input, perceived.fingerprints.clone(), background)
         })
-        .transpose()?;
+        .transpose()?
+        .flatten();
     progress.phase("solving");
     let solving = Instant::now();
     let (spool, poses) = (folder.join(SPOOL), folder.join("poses.jsonl"));
@@ -71,6 +72,7 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
         write_evidence(&folder.join(EVIDENCE), evidence)?;
     }
     let mut summary = summary_of(perceived, &solution, config);
+    summary.warnings.extend(options.cameras.as_ref().and_then(|database| database.warning_of(input)));
     summary.seconds.push(StageSeconds { stage: "solve".to_owned(), seconds: solve_s });
     summary.wall_s = started.elapsed().as_secs_f64();
     summary.frames_per_s = perceived.decode.delivered as f64 / summary.wall_s.max(1e-9);
