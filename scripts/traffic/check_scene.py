@@ -73,19 +73,22 @@ def crosses(path: np.ndarray, gate: dict, inward: bool) -> float | None:
 def whole(street: Street) -> list[list[Track]]:
     """Returns the tracks of each movement that were seen on the whole path.
 
-    They begin and end while they drive, not at the clip's ends, and are at least 60 % as long as the longest of them.
+    They begin and end while they drive, not at the clip's ends. They cover 60 % of the length on which 90 % of the
+    positions of all tracks of the movement are.
     """
     result: list[list] = [[] for _ in street.movements]
-    for track in street.tracks:
-        times, speeds = track.rows[[0, -1], 0], np.abs(track.rows[:, 4])
-        drives = min(speeds[:3].mean(), speeds[-3:].mean()) > 2
-        if track.movement is not None and drives and times[0] > 1 and times[1] < street.seconds - 1.2:
-            result[track.movement].append(track)
-
-    def reach(track: Track) -> float:
-        return float(np.linalg.norm(track.rows[-1, 1:3] - track.rows[0, 1:3]))
-
-    return [[track for track in tracks if reach(track) > 0.6 * max(map(reach, tracks))] for tracks in result]
+    for number, movement in enumerate(street.movements):
+        tracks = [track for track in street.tracks if track.movement == number]
+        if not tracks:
+            continue
+        along = [distances(track.rows[:, 1:3], movement.lanes[0])[2] for track in tracks]
+        low, high = np.percentile(np.concatenate(along), [5, 95])
+        for track, places in zip(tracks, along, strict=True):
+            times, speeds = track.rows[[0, -1], 0], np.abs(track.rows[:, 4])
+            drives = min(speeds[:3].mean(), speeds[-3:].mean()) > 2
+            if np.ptp(places) > 0.6 * (high - low) and drives and times[0] > 1 and times[1] < street.seconds - 1.2:
+                result[number].append(track)
+    return result
 
 
 def compare(street: Street, truth: Street, found: dict, tally: Tally, name: str, log: Callable[[str], None]) -> None:
@@ -117,13 +120,15 @@ def compare(street: Street, truth: Street, found: dict, tally: Tally, name: str,
     tally.seconds = max(tally.seconds, found["seconds"])
 
 
-def distances(points: np.ndarray, path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the distances of points from a path, and the path's directions there."""
+def distances(points: np.ndarray, path: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns the distances of points from a path, the path's directions there, and the distances along the path."""
     step = np.diff(path, axis=0)
     length = np.linalg.norm(step, axis=1)
     at = np.clip(((points[:, None] - path[:-1]) * step).sum(2) / length**2, 0, 1)
     away = np.linalg.norm(points[:, None] - path[:-1] - at[..., None] * step, axis=2)
-    return away.min(1), (step / length[:, None])[away.argmin(1)]
+    best = away.argmin(1)
+    along = np.cumsum(length)[best] - length[best] * (1 - at[np.arange(len(at)), best])
+    return away.min(1), (step / length[:, None])[best], along
 
 
 def lanes(movements: list[Movement], complete: list, found: dict, tally: Tally, name: str, log: Callable[[str], None]) -> None:
@@ -140,7 +145,7 @@ def lanes(movements: list[Movement], complete: list, found: dict, tally: Tally, 
         best, errors = None, None
         for i, movement in enumerate(movements):
             for k, path in enumerate(movement.lanes):
-                away, direction = distances(points, path)
+                away, direction, _ = distances(points, path)
                 if (direction * forward).sum() > 0 and (errors is None or np.mean(away) < np.mean(errors)):
                     best, errors = (i, k), away
         if errors is None or np.median(errors) > NEAR_M:
@@ -170,7 +175,7 @@ def stops(street: Street, truth: Street, found: dict, tally: Tally, name: str, l
         errors = {}
         for i, movement in enumerate(street.movements):
             for k, stop in enumerate(movement.stops):
-                _, direction = distances(place[None], movement.lanes[k])
+                _, direction, _ = distances(place[None], movement.lanes[k])
                 if abs(np.cross(forward, place - stop)) < 1.75 and direction[0] @ forward > 0.8:
                     errors[i] = (place - stop) @ forward
         near = min(errors.values(), key=abs, default=np.inf)
