@@ -8,7 +8,7 @@ crate `traffic`. The table has one line per variant:
 
   flows    true flows with three or more vehicles that were seen on their whole path; found, missed, invented
   lanes    true lanes with three or more such vehicles; found, missed, invented
-  middle   error of the lanes' middles: median and 95 % over their points, m
+  middle   error of the lanes' middles: median and 95 % over their points, m; rms of error / sd
   stops    places where the first vehicles of three or more queues stop; found, missed, invented; median and largest
            error, m
 """
@@ -43,6 +43,7 @@ class Tally:
     lanes: np.ndarray = field(default_factory=lambda: np.zeros(4, int))
     stops: np.ndarray = field(default_factory=lambda: np.zeros(4, int))
     middles: list[float] = field(default_factory=list)
+    normalised: list[float] = field(default_factory=list)
     places: list[float] = field(default_factory=list)
     scenes: int = 0
     seconds: float = 0.0
@@ -153,6 +154,7 @@ def lanes(movements: list[Movement], complete: list, found: dict, tally: Tally, 
             log(f"{name}: invented lane {points[[0, -1]].round().tolist()} with {len(lane['stays'])}, arms {lane['from']}-{lane['to']}")
             continue
         tally.middles += errors.tolist()
+        tally.normalised += (errors / lane["middle_sd_m"]).tolist()
         if best in hits and lane["from"] is not None and lane["to"] is not None:
             tally.lanes[3] += 1
             log(f"{name}: lane {best} is found twice")
@@ -265,12 +267,15 @@ def main() -> None:
     for (kind, name, street, truth), line in zip(everything, lines, strict=True):
         log = (lambda text: print(text, file=sys.stderr)) if arguments.list else (lambda _: None)
         compare(street, truth, json.loads(line), tallies.setdefault(kind, Tally()), f"{kind} {name}", log)
-    print(f"{'variant':32} scenes  flows t/f/m/i     lanes t/f/m/i     middle 50/95 %   stops t/f/m/i   error 50/max  s")
+    print(f"{'variant':32} scenes  flows t/f/m/i     lanes t/f/m/i     middle 50/95 %, /sd  stops t/f/m/i   error 50/max  s")
     for kind, tally in tallies.items():
         row = ["/".join(map(str, values)) for values in (tally.flows, tally.lanes, tally.stops)]
-        middle = "{:.2f} {:.2f}".format(*np.percentile(tally.middles, [50, 95])) if tally.middles else "-"
+        middle = "-"
+        if tally.middles:
+            rms = np.sqrt(np.mean(np.square(tally.normalised)))
+            middle = "{:.2f} {:.2f}, {:.2f}".format(*np.percentile(tally.middles, [50, 95]), rms)
         place = f"{np.median(tally.places):.2f} {np.max(tally.places):.2f}" if tally.places else "-"
-        print(f"{kind:32} {tally.scenes:5}   {row[0]:16}  {row[1]:16}  {middle:15}  {row[2]:14}  {place:12}  {tally.seconds:.2f}")
+        print(f"{kind:32} {tally.scenes:5}   {row[0]:16}  {row[1]:16}  {middle:18}  {row[2]:14}  {place:12}  {tally.seconds:.2f}")
 
 
 if __name__ == "__main__":

@@ -26,9 +26,19 @@ fn read(file: &str) -> Result<Clip, String> {
     let text = fs::read_to_string(file).map_err(|error| format!("{file}: {error}"))?;
     let mut lines = text.lines();
     let names: Vec<&str> = lines.next().unwrap_or_default().split(',').collect();
-    let column = |name: &str| names.iter().position(|n| *n == name).ok_or_else(|| format!("{file}: no column {name}"));
+    let column =
+        |name: &str| names.iter().position(|n| *n == name).ok_or_else(|| format!("{file}: no column {name}"));
     let numbers = [
-        "time_s", "x_m", "y_m", "heading_rad", "speed_mps", "x_own_sd_m", "y_own_sd_m", "length_m", "width_m", "track",
+        "time_s",
+        "x_m",
+        "y_m",
+        "heading_rad",
+        "speed_mps",
+        "x_own_sd_m",
+        "y_own_sd_m",
+        "length_m",
+        "width_m",
+        "track",
     ]
     .into_iter()
     .map(column)
@@ -67,7 +77,14 @@ fn read(file: &str) -> Result<Clip, String> {
     let vehicles: Vec<Vehicle> = vehicles.into_values().collect();
     let spans = vehicles.iter().map(Vehicle::span_s);
     let span_s = spans.fold([f64::INFINITY, f64::NEG_INFINITY], |[a, b], [c, d]| [a.min(c), b.max(d)]);
-    Ok(Clip { name: file.to_owned(), start_s: None, span_s, not_followed_s: Vec::new(), scale_sd: None, vehicles })
+    Ok(Clip {
+        name: file.to_owned(),
+        start_s: None,
+        span_s,
+        not_followed_s: Vec::new(),
+        scale_sd: None,
+        vehicles,
+    })
 }
 
 fn record(scene: &Scene, seconds: f64) -> Value {

@@ -48,7 +48,8 @@ pub struct Scene {
 #[must_use]
 pub fn find_scene(clips: &[&Clip], north_rad: Option<f64>) -> Scene {
     let exists = |clip: usize, vehicle: usize| clips[clip].vehicles[vehicle].exists_p >= LEAST_EXISTS_P;
-    let all = (0..clips.len()).flat_map(|clip| (0..clips[clip].vehicles.len()).map(move |vehicle| (clip, vehicle)));
+    let all =
+        (0..clips.len()).flat_map(|clip| (0..clips[clip].vehicles.len()).map(move |vehicle| (clip, vehicle)));
     let paths: Vec<Path> =
         all.filter(|&(i, k)| exists(i, k)).filter_map(|(i, k)| Path::new(clips, i, k)).collect();
     let every = paths.len().div_ceil(MOST_PATHS).max(1);
@@ -73,3 +74,6 @@ pub fn find_scene(clips: &[&Clip], north_rad: Option<f64>) -> Scene {
     let stop_lines = stops::stop_lines(clips, &some, &lanes);
     Scene { arms, lanes, stop_lines, flows }
 }
+
+#[cfg(test)]
+mod tests;

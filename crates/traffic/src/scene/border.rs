@@ -54,7 +54,10 @@ fn end(path: &Path, first: bool) -> (&Point, Vector2<f64>) {
     let (outer, inner) = if first {
         (0, points.partition_point(|point| point.along_m < 10.0).min(points.len() - 1))
     } else {
-        (points.len() - 1, points.partition_point(|point| point.along_m < length - 10.0).min(points.len() - 2))
+        (
+            points.len() - 1,
+            points.partition_point(|point| point.along_m < length - 10.0).min(points.len() - 2),
+        )
     };
     let outward = (points[outer].at - points[inner].at).try_normalize(0.0).unwrap_or(points[outer].forward);
     (&points[outer], outward)

@@ -40,7 +40,9 @@ pub(super) fn groups(paths: &[Path], events: &[Event]) -> Vec<Vec<Event>> {
         }
         groups += 1;
     }
-    let members = |group| events.iter().zip(&group_of).filter(move |(_, of)| **of == Some(group)).map(|(event, _)| *event);
+    let members = |group| {
+        events.iter().zip(&group_of).filter(move |(_, of)| **of == Some(group)).map(|(event, _)| *event)
+    };
     (0..groups).map(|group| members(group).collect()).collect()
 }
 

@@ -86,7 +86,9 @@ pub(super) fn gate_section(paths: &[Path], events: &[Event]) -> Option<Section> 
 
 /// Follows a road inwards and returns the sections with the vehicles whose outer end is on the road and that cross it.
 fn follow(paths: &[Path], events: &[Event]) -> Vec<(Section, Vec<Crossing>)> {
-    let mean = |of: &dyn Fn(&Event) -> Vector2<f64>| events.iter().map(of).sum::<Vector2<f64>>() / events.len() as f64;
+    let mean = |of: &dyn Fn(&Event) -> Vector2<f64>| {
+        events.iter().map(of).sum::<Vector2<f64>>() / events.len() as f64
+    };
     let Some(mut outward) = mean(&|event| event.outward).try_normalize(0.0) else { return Vec::new() };
     let centre = mean(&|event| event.at);
     let start = events.iter().map(|event| (event.at - centre).dot(&outward)).fold(0.0, f64::max);
@@ -107,10 +109,12 @@ fn follow(paths: &[Path], events: &[Event]) -> Vec<(Section, Vec<Crossing>)> {
             for (is_end, enters) in [(path.begins, true), (path.ends, false)] {
                 let point = &path.points[if enters { 0 } else { path.points.len() - 1 }];
                 let away = point.at - middle;
-                let same = point.forward.dot(&outward) * if enters { -1.0 } else { 1.0 } >= SAME_DIRECTION_COS;
+                let same =
+                    point.forward.dot(&outward) * if enters { -1.0 } else { 1.0 } >= SAME_DIRECTION_COS;
                 let beside = away.dot(&reach.side()).abs() <= reach.half_m;
                 let depth = away.dot(&outward);
-                reached[i][usize::from(enters)] |= is_end && same && beside && (0.0..2.0 * STEP_M).contains(&depth);
+                reached[i][usize::from(enters)] |=
+                    is_end && same && beside && (0.0..2.0 * STEP_M).contains(&depth);
             }
         }
         for event in events.iter().filter(|event| (event.at - middle).dot(&outward) >= 0.0) {

@@ -52,8 +52,12 @@ impl Lanes {
         let mut best: Option<(f64, Self)> = None;
         for lanes in 1..=MOST_LANES.min(1 + (range / LEAST_APART_M) as usize) {
             let Some(means_m) = spread_means(&offsets, lanes) else { continue };
-            let start =
-                Self { means_m, shifts_m: vec![0.0; windows], wander_m: 0.4, between: 1.0 / (range + 2.0 * LEAST_APART_M) };
+            let start = Self {
+                means_m,
+                shifts_m: vec![0.0; windows],
+                wander_m: 0.4,
+                between: 1.0 / (range + 2.0 * LEAST_APART_M),
+            };
             let Some((fitted, log_likelihood)) = start.maximised(vehicles) else { continue };
             let count = vehicles.iter().filter(|samples| !samples.is_empty()).count() as f64;
             let criterion = 2.0 * lanes as f64 * count.ln() - 2.0 * log_likelihood;
@@ -82,9 +86,13 @@ impl Lanes {
                 posteriors.push(posterior);
             }
             let weighted = || {
-                vehicles.iter().zip(&posteriors).flat_map(|(samples, posterior)| samples.iter().zip(posterior)).flat_map(
-                    |(sample, posterior)| (0..self.count()).map(move |lane| (sample, lane, posterior[lane])),
-                )
+                vehicles
+                    .iter()
+                    .zip(&posteriors)
+                    .flat_map(|(samples, posterior)| samples.iter().zip(posterior))
+                    .flat_map(|(sample, posterior)| {
+                        (0..self.count()).map(move |lane| (sample, lane, posterior[lane]))
+                    })
             };
             let wander = self.wander_m.powi(2);
             let mut sums = vec![[0.0; 2]; self.count()];
@@ -124,7 +132,8 @@ impl Lanes {
             let variance = self.wander_m.powi(2) + sample.variance;
             let residual = sample.left_m - self.means_m[state] - self.shifts_m[sample.window];
             // The least density keeps numbers finite.
-            ((-residual.powi(2) / (2.0 * variance)).exp() / (std::f64::consts::TAU * variance).sqrt()).max(1e-12)
+            ((-residual.powi(2) / (2.0 * variance)).exp() / (std::f64::consts::TAU * variance).sqrt())
+                .max(1e-12)
         };
         let moves = LEAVES_P / (states - 1) as f64;
         let mixed = |from: &[f64], state: usize| {
@@ -157,7 +166,8 @@ impl Lanes {
                 sum += *p;
             }
             forward[i].iter_mut().for_each(|p| *p /= sum);
-            let ahead: Vec<f64> = (0..states).map(|state| backward[state] * emission(sample, state)).collect();
+            let ahead: Vec<f64> =
+                (0..states).map(|state| backward[state] * emission(sample, state)).collect();
             let total: f64 = ahead.iter().sum();
             backward = (0..states).map(|state| mixed(&ahead, state) / total).collect();
         }

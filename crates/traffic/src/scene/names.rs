@@ -24,7 +24,9 @@ pub(super) fn named(arms: &[(Vector2<f64>, Vector2<f64>)], north_rad: Option<f64
     };
     let name = |k: usize| {
         let here = point(order[k].0);
-        let same = |range: std::ops::Range<usize>| order[range].iter().filter(|other| point(other.0) == here).count();
+        let same = |range: std::ops::Range<usize>| {
+            order[range].iter().filter(|other| point(other.0) == here).count()
+        };
         if same(0..order.len()) == 1 { here.to_owned() } else { format!("{here}{}", same(0..k + 1)) }
     };
     (0..order.len()).map(|k| (order[k].0, name(k))).collect()
@@ -39,12 +41,10 @@ mod tests {
         let arm = |x: f64, y: f64| (Vector2::new(x, y), Vector2::new(x, y) / x.hypot(y));
         let arms = [arm(-10.0, 0.1), arm(10.0, 0.0), arm(-0.1, 10.0), arm(0.0, -10.0)];
         let numbered: Vec<_> = named(&arms, None);
-        assert_eq!(numbered.iter().map(|(i, name)| (*i, name.as_str())).collect::<Vec<_>>(), [
-            (1, "1"),
-            (3, "2"),
-            (0, "3"),
-            (2, "4")
-        ]);
+        assert_eq!(
+            numbered.iter().map(|(i, name)| (*i, name.as_str())).collect::<Vec<_>>(),
+            [(1, "1"), (3, "2"), (0, "3"), (2, "4")]
+        );
         let names = |north_rad| {
             let mut named = named(&arms, Some(north_rad));
             named.sort();

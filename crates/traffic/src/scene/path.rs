@@ -50,7 +50,8 @@ impl Path {
     pub(super) fn new(clips: &[&Clip], clip: usize, vehicle: usize) -> Option<Self> {
         let source = clips[clip];
         let Vehicle { states, width_m, .. } = &source.vehicles[vehicle];
-        let finite = |state: &&State| state.x_m.is_finite() && state.y_m.is_finite() && state.time_s.is_finite();
+        let finite =
+            |state: &&State| state.x_m.is_finite() && state.y_m.is_finite() && state.time_s.is_finite();
         let mut kept: Vec<State> = Vec::new();
         for state in states.iter().filter(finite) {
             if kept.last().is_none_or(|last| (state.position() - last.position()).norm() >= STEP_M) {
@@ -89,7 +90,8 @@ impl Path {
 /// Whether a vehicle drives in the second after a time, or before it. `states` begin at that time.
 fn drives<'a>(states: impl Iterator<Item = &'a State>, time_s: f64) -> bool {
     let near = states.take_while(|state| (state.time_s - time_s).abs() <= 1.0);
-    let (sum, count) = near.fold((0.0, 0.0), |(sum, count), state| (sum + f64::from(state.speed_mps).abs(), count + 1.0));
+    let (sum, count) =
+        near.fold((0.0, 0.0), |(sum, count), state| (sum + f64::from(state.speed_mps).abs(), count + 1.0));
     count > 0.0 && sum / count >= QUEUE_MPS
 }
 

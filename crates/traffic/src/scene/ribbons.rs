@@ -22,7 +22,12 @@ const IN_LANE_P: f64 = 0.5;
 
 /// Returns the lanes of all groups of paths: first those of the flows, then those of further common paths.
 /// `track_of` gives the track number of a path.
-pub(super) fn lanes(paths: &[Path], trips: &[Trip], flows: &[Flow], track_of: &dyn Fn(&Path) -> u64) -> Vec<Lane> {
+pub(super) fn lanes(
+    paths: &[Path],
+    trips: &[Trip],
+    flows: &[Flow],
+    track_of: &dyn Fn(&Path) -> u64,
+) -> Vec<Lane> {
     let mut flows = flows.to_vec();
     flows.sort_by_key(|flow| (usize::MAX - flow.vehicles, flow.from, flow.to));
     let mut used = vec![false; paths.len()];
@@ -32,8 +37,11 @@ pub(super) fn lanes(paths: &[Path], trips: &[Trip], flows: &[Flow], track_of: &d
         let whole: Vec<usize> = (0..paths.len()).filter(|&i| trips[i] == trip).collect();
         let Some(reference) = reference(paths, &whole) else { continue };
         let Some(fitted) = Ribbon::fit(paths, &whole, reference.clone()) else { continue };
-        let fits = |i: usize| trips[i].from.is_none_or(|from| from == flow.from) && trips[i].to.is_none_or(|to| to == flow.to);
-        let parts = (0..paths.len()).filter(|&i| !used[i] && trips[i] != trip && fits(i) && fitted.covers(&paths[i]));
+        let fits = |i: usize| {
+            trips[i].from.is_none_or(|from| from == flow.from) && trips[i].to.is_none_or(|to| to == flow.to)
+        };
+        let parts =
+            (0..paths.len()).filter(|&i| !used[i] && trips[i] != trip && fits(i) && fitted.covers(&paths[i]));
         let members: Vec<usize> = whole.iter().copied().chain(parts).collect();
         members.iter().for_each(|&i| used[i] = true);
         let ribbon = Ribbon::fit(paths, &members, reference).unwrap_or(fitted);
@@ -48,8 +56,11 @@ pub(super) fn lanes(paths: &[Path], trips: &[Trip], flows: &[Flow], track_of: &d
         used[seed] = true;
         let points: Vec<_> = paths[seed].points.iter().map(|point| point.at).collect();
         let Some(reference) = Reference::new(&points) else { continue };
-        let along = |i: &usize| share(&reference.places(&paths[*i]), |place| place.left_m.abs() <= BESIDE_M) >= COVERED;
-        let members: Vec<usize> = seeds.iter().copied().filter(|&i| i == seed || !used[i]).filter(along).collect();
+        let along = |i: &usize| {
+            share(&reference.places(&paths[*i]), |place| place.left_m.abs() <= BESIDE_M) >= COVERED
+        };
+        let members: Vec<usize> =
+            seeds.iter().copied().filter(|&i| i == seed || !used[i]).filter(along).collect();
         if members.len() < FEWEST {
             continue;
         }
@@ -107,7 +118,9 @@ impl Ribbon {
             (0..self.lanes.count()).map(|lane| self.lanes.offsets(lane, &self.samples)).collect();
         let within = |place: &Place| {
             let window = (place.along_m / NODE_M).max(0.0) as usize / WINDOW;
-            middles.iter().any(|lane| lane.get(window).is_some_and(|lane| (place.left_m - lane.0).abs() <= HALF_LANE_M))
+            middles
+                .iter()
+                .any(|lane| lane.get(window).is_some_and(|lane| (place.left_m - lane.0).abs() <= HALF_LANE_M))
         };
         share(&self.reference.places(path), within) >= COVERED
     }
@@ -134,12 +147,18 @@ impl Ribbon {
                 }
                 if k - from >= 2 {
                     let windows = [samples[from].window, samples[k - 1].window];
-                    stays.push(Stay { clip: path.clip, track: track_of(path), span_s: self.times(path, windows) });
+                    stays.push(Stay {
+                        clip: path.clip,
+                        track: track_of(path),
+                        span_s: self.times(path, windows),
+                    });
                 }
                 k += usize::from(k == from);
             }
         }
-        stays.sort_by(|a, b| (a.clip, a.track).cmp(&(b.clip, b.track)).then(a.span_s[0].total_cmp(&b.span_s[0])));
+        stays.sort_by(|a, b| {
+            (a.clip, a.track).cmp(&(b.clip, b.track)).then(a.span_s[0].total_cmp(&b.span_s[0]))
+        });
         let mut vehicles: Vec<_> = stays.iter().map(|stay| (stay.clip, stay.track)).collect();
         vehicles.dedup();
         if vehicles.len() < FEWEST || first == last {

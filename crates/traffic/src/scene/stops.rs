@@ -46,15 +46,20 @@ pub(super) fn stop_lines(clips: &[&Clip], paths: &[Path], lanes: &[Lane]) -> Vec
     let heads: Vec<Head> = paths.iter().flat_map(|path| path_heads(clips, path)).collect();
     let mut lines = Vec::new();
     for mut group in directions(heads) {
-        let Some(axis) = group.iter().map(|head| head.forward).sum::<Vector2<f64>>().try_normalize(0.0) else { continue };
+        let Some(axis) = group.iter().map(|head| head.forward).sum::<Vector2<f64>>().try_normalize(0.0)
+        else {
+            continue;
+        };
         group.sort_by(|a, b| a.front.dot(&axis).total_cmp(&b.front.dot(&axis)));
         let mut places: Vec<Vec<Head>> = Vec::new();
         while let Some(cluster) = densest(&group, &axis) {
             places.push(group.drain(cluster).collect());
         }
         // If the first vehicle is not seen, the second seems to be the first: such a place is behind that of more queues.
-        let along = |place: &[Head]| place.iter().map(|head| head.front.dot(&axis)).sum::<f64>() / place.len() as f64;
-        let behind = |a: &[Head], b: &[Head]| a.len() <= b.len() && (0.1..AHEAD_M).contains(&(along(b) - along(a)));
+        let along =
+            |place: &[Head]| place.iter().map(|head| head.front.dot(&axis)).sum::<f64>() / place.len() as f64;
+        let behind =
+            |a: &[Head], b: &[Head]| a.len() <= b.len() && (0.1..AHEAD_M).contains(&(along(b) - along(a)));
         let first = |place: &&Vec<Head>| !places.iter().any(|other| behind(place, other));
         lines.extend(places.iter().filter(first).flat_map(|place| on_lanes(place, &axis, lanes)));
     }
@@ -69,7 +74,8 @@ fn path_heads(clips: &[&Clip], path: &Path) -> Vec<Head> {
     let mut heads = Vec::new();
     for run in vehicle.states.chunk_by(|a, b| slow(a) == slow(b)).filter(|run| slow(&run[0])) {
         let (first, last) = (&run[0], &run[run.len() - 1]);
-        let slowest = run.iter().rev().min_by(|a, b| a.speed_mps.abs().total_cmp(&b.speed_mps.abs())).unwrap_or(first);
+        let slowest =
+            run.iter().rev().min_by(|a, b| a.speed_mps.abs().total_cmp(&b.speed_mps.abs())).unwrap_or(first);
         if last.time_s - first.time_s < SHORTEST_S || slowest.speed_mps.abs() > AT_REST_MPS {
             continue;
         }
@@ -85,7 +91,13 @@ fn path_heads(clips: &[&Clip], path: &Path) -> Vec<Head> {
         let forward = slowest.forward();
         let front = slowest.position() + forward * (vehicle.length_m / 2.0);
         if !is_led(clip, path.vehicle, (first.time_s + last.time_s) / 2.0, &front, &forward) {
-            heads.push(Head { front, forward, path_m: path.length_m(), clip: path.clip, time_s: first.time_s });
+            heads.push(Head {
+                front,
+                forward,
+                path_m: path.length_m(),
+                clip: path.clip,
+                time_s: first.time_s,
+            });
         }
     }
     heads
@@ -95,7 +107,9 @@ fn path_heads(clips: &[&Clip], path: &Path) -> Vec<Head> {
 fn is_led(clip: &Clip, vehicle: usize, time_s: f64, front: &Vector2<f64>, forward: &Vector2<f64>) -> bool {
     let leads = |other: &Vehicle| {
         let [from, to] = other.span_s();
-        let Some(state) = (from <= time_s && time_s <= to).then(|| other.at(time_s)).flatten() else { return false };
+        let Some(state) = (from <= time_s && time_s <= to).then(|| other.at(time_s)).flatten() else {
+            return false;
+        };
         let away = state.position() - front;
         let gap_m = away.dot(forward) - other.length_m / 2.0;
         // Half of the vehicle ahead may be past the bumper, if its length is wrong.
@@ -162,7 +176,8 @@ fn binomial_tail(least: usize, trials: usize, p: f64) -> f64 {
 fn on_lanes(heads: &[Head], axis: &Vector2<f64>, lanes: &[Lane]) -> Vec<StopLine> {
     let count = heads.len() as f64;
     let mean = heads.iter().map(|head| head.front.dot(axis)).sum::<f64>() / count;
-    let variance = heads.iter().map(|head| (head.front.dot(axis) - mean).powi(2)).sum::<f64>() / (count - 1.0);
+    let variance =
+        heads.iter().map(|head| (head.front.dot(axis) - mean).powi(2)).sum::<f64>() / (count - 1.0);
     let line = |lane: Option<usize>, place: Vector2<f64>, forward: Vector2<f64>| StopLine {
         lane,
         place: place + forward * ((mean - place.dot(axis)) / forward.dot(axis).max(0.5)),
@@ -180,10 +195,14 @@ fn on_lanes(heads: &[Head], axis: &Vector2<f64>, lanes: &[Lane]) -> Vec<StopLine
             let aside_m = (pair[0] - head.front).perp(&forward).abs();
             // A head is beside a node, not beyond the end of the lane.
             let fits = aside_m <= HALF_LANE_M && square <= HALF_LANE_M.powi(2) * 2.0;
-            (fits && forward.dot(&head.forward) >= SAME_DIRECTION_COS).then_some((aside_m, i, pair[0], forward))
+            (fits && forward.dot(&head.forward) >= SAME_DIRECTION_COS)
+                .then_some((aside_m, i, pair[0], forward))
         });
         let nearest = near.min_by(|a, b| a.0.total_cmp(&b.0));
-        let found = nearest.map_or_else(|| line(None, head.front, head.forward), |(_, i, at, forward)| line(Some(i), at, forward));
+        let found = nearest.map_or_else(
+            || line(None, head.front, head.forward),
+            |(_, i, at, forward)| line(Some(i), at, forward),
+        );
         // Lanes of two flows share their approach: it has one line.
         let near = |other: &StopLine| (other.place - found.place).perp(&found.forward).abs() < HALF_LANE_M;
         if !lines.iter().any(near) {

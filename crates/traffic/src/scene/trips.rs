@@ -25,7 +25,8 @@ pub(super) fn trip(path: &Path, sections: &[Section]) -> Trip {
 
 /// Returns the flows with at least `FEWEST` vehicles, sorted by arms.
 pub(super) fn flows(trips: &[Trip], arms: usize) -> Vec<Flow> {
-    let count = |from, to| trips.iter().filter(|trip| **trip == Trip { from: Some(from), to: Some(to) }).count();
+    let count =
+        |from, to| trips.iter().filter(|trip| **trip == Trip { from: Some(from), to: Some(to) }).count();
     (0..arms)
         .flat_map(|from| (0..arms).map(move |to| (from, to)))
         .map(|(from, to)| Flow { from, to, vehicles: count(from, to) })
