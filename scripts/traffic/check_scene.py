@@ -8,7 +8,7 @@ crate `traffic`. The table has one line per variant:
 
   flows    true flows with three or more vehicles that were seen on their whole path; found, missed, invented
   lanes    true lanes with three or more such vehicles; found, missed, invented
-  middle   error of the lanes' middles: median and 95 % over their points, m
+  middle   error of the lanes' middles: median and 95 % over their points, m; rms of error / sd
   stops    places where the first vehicles of three or more queues stop; found, missed, invented; median and largest
            error, m
 """
@@ -43,6 +43,7 @@ class Tally:
     lanes: np.ndarray = field(default_factory=lambda: np.zeros(4, int))
     stops: np.ndarray = field(default_factory=lambda: np.zeros(4, int))
     middles: list[float] = field(default_factory=list)
+    normalised: list[float] = field(default_factory=list)
     places: list[float] = field(default_factory=list)
     scenes: int = 0
     seconds: float = 0.0
@@ -73,19 +74,22 @@ def crosses(path: np.ndarray, gate: dict, inward: bool) -> float | None:
 def whole(street: Street) -> list[list[Track]]:
     """Returns the tracks of each movement that were seen on the whole path.
 
-    They begin and end while they drive, not at the clip's ends, and are at least 60 % as long as the longest of them.
+    They begin and end while they drive, not at the clip's ends. They cover 60 % of the length on which 90 % of the
+    positions of all tracks of the movement are.
     """
     result: list[list] = [[] for _ in street.movements]
-    for track in street.tracks:
-        times, speeds = track.rows[[0, -1], 0], np.abs(track.rows[:, 4])
-        drives = min(speeds[:3].mean(), speeds[-3:].mean()) > 2
-        if track.movement is not None and drives and times[0] > 1 and times[1] < street.seconds - 1.2:
-            result[track.movement].append(track)
-
-    def reach(track: Track) -> float:
-        return float(np.linalg.norm(track.rows[-1, 1:3] - track.rows[0, 1:3]))
-
-    return [[track for track in tracks if reach(track) > 0.6 * max(map(reach, tracks))] for tracks in result]
+    for number, movement in enumerate(street.movements):
+        tracks = [track for track in street.tracks if track.movement == number]
+        if not tracks:
+            continue
+        along = [distances(track.rows[:, 1:3], movement.lanes[0])[2] for track in tracks]
+        low, high = np.percentile(np.concatenate(along), [5, 95])
+        for track, places in zip(tracks, along, strict=True):
+            times, speeds = track.rows[[0, -1], 0], np.abs(track.rows[:, 4])
+            drives = min(speeds[:3].mean(), speeds[-3:].mean()) > 2
+            if np.ptp(places) > 0.6 * (high - low) and drives and times[0] > 1 and times[1] < street.seconds - 1.2:
+                result[number].append(track)
+    return result
 
 
 def compare(street: Street, truth: Street, found: dict, tally: Tally, name: str, log: Callable[[str], None]) -> None:
@@ -117,13 +121,15 @@ def compare(street: Street, truth: Street, found: dict, tally: Tally, name: str,
     tally.seconds = max(tally.seconds, found["seconds"])
 
 
-def distances(points: np.ndarray, path: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Returns the distances of points from a path, and the path's directions there."""
+def distances(points: np.ndarray, path: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns the distances of points from a path, the path's directions there, and the distances along the path."""
     step = np.diff(path, axis=0)
     length = np.linalg.norm(step, axis=1)
     at = np.clip(((points[:, None] - path[:-1]) * step).sum(2) / length**2, 0, 1)
     away = np.linalg.norm(points[:, None] - path[:-1] - at[..., None] * step, axis=2)
-    return away.min(1), (step / length[:, None])[away.argmin(1)]
+    best = away.argmin(1)
+    along = np.cumsum(length)[best] - length[best] * (1 - at[np.arange(len(at)), best])
+    return away.min(1), (step / length[:, None])[best], along
 
 
 def lanes(movements: list[Movement], complete: list, found: dict, tally: Tally, name: str, log: Callable[[str], None]) -> None:
@@ -140,7 +146,7 @@ def lanes(movements: list[Movement], complete: list, found: dict, tally: Tally, 
         best, errors = None, None
         for i, movement in enumerate(movements):
             for k, path in enumerate(movement.lanes):
-                away, direction = distances(points, path)
+                away, direction, _ = distances(points, path)
                 if (direction * forward).sum() > 0 and (errors is None or np.mean(away) < np.mean(errors)):
                     best, errors = (i, k), away
         if errors is None or np.median(errors) > NEAR_M:
@@ -148,6 +154,7 @@ def lanes(movements: list[Movement], complete: list, found: dict, tally: Tally, 
             log(f"{name}: invented lane {points[[0, -1]].round().tolist()} with {len(lane['stays'])}, arms {lane['from']}-{lane['to']}")
             continue
         tally.middles += errors.tolist()
+        tally.normalised += (errors / lane["middle_sd_m"]).tolist()
         if best in hits and lane["from"] is not None and lane["to"] is not None:
             tally.lanes[3] += 1
             log(f"{name}: lane {best} is found twice")
@@ -170,7 +177,7 @@ def stops(street: Street, truth: Street, found: dict, tally: Tally, name: str, l
         errors = {}
         for i, movement in enumerate(street.movements):
             for k, stop in enumerate(movement.stops):
-                _, direction = distances(place[None], movement.lanes[k])
+                _, direction, _ = distances(place[None], movement.lanes[k])
                 if abs(np.cross(forward, place - stop)) < 1.75 and direction[0] @ forward > 0.8:
                     errors[i] = (place - stop) @ forward
         near = min(errors.values(), key=abs, default=np.inf)
@@ -260,12 +267,15 @@ def main() -> None:
     for (kind, name, street, truth), line in zip(everything, lines, strict=True):
         log = (lambda text: print(text, file=sys.stderr)) if arguments.list else (lambda _: None)
         compare(street, truth, json.loads(line), tallies.setdefault(kind, Tally()), f"{kind} {name}", log)
-    print(f"{'variant':32} scenes  flows t/f/m/i     lanes t/f/m/i     middle 50/95 %   stops t/f/m/i   error 50/max  s")
+    print(f"{'variant':32} scenes  flows t/f/m/i     lanes t/f/m/i     middle 50/95 %, /sd  stops t/f/m/i   error 50/max  s")
     for kind, tally in tallies.items():
         row = ["/".join(map(str, values)) for values in (tally.flows, tally.lanes, tally.stops)]
-        middle = "{:.2f} {:.2f}".format(*np.percentile(tally.middles, [50, 95])) if tally.middles else "-"
+        middle = "-"
+        if tally.middles:
+            rms = np.sqrt(np.mean(np.square(tally.normalised)))
+            middle = "{:.2f} {:.2f}, {:.2f}".format(*np.percentile(tally.middles, [50, 95]), rms)
         place = f"{np.median(tally.places):.2f} {np.max(tally.places):.2f}" if tally.places else "-"
-        print(f"{kind:32} {tally.scenes:5}   {row[0]:16}  {row[1]:16}  {middle:15}  {row[2]:14}  {place:12}  {tally.seconds:.2f}")
+        print(f"{kind:32} {tally.scenes:5}   {row[0]:16}  {row[1]:16}  {middle:18}  {row[2]:14}  {place:12}  {tally.seconds:.2f}")
 
 
 if __name__ == "__main__":

@@ -163,8 +163,8 @@ def turning(seed: int, seconds: float = 300.0) -> Street:
     for number, (movement, counts) in enumerate(zip(movements, rates, strict=True)):
         for lane, count in enumerate(counts):
             for _ in range(count):
-                tracks.append(_drive(rng, movement, number, lane, centre, reach, far, seconds))
-    return Street([track for track in tracks if track is not None], movements, seconds)
+                tracks += _drive(rng, movement, number, lane, centre, reach, far, seconds)
+    return Street(tracks, movements, seconds)
 
 
 def _rotation(angle: float) -> np.ndarray:
@@ -193,32 +193,38 @@ def _drive(
     reach: float,
     far: float,
     seconds: float,
-) -> Track | None:
-    """Returns a vehicle's track on a lane. It is seen within `reach` of the centre, and farther in the direction `far`."""
+) -> list[Track]:
+    """Returns the tracks of a vehicle on a lane, or of a queue of two.
+
+    They are seen within `reach` of the centre, and farther in the direction `far`.
+    """
     path = movement.lanes[lane]
     along = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
-    speed, start_s, length = rng.uniform(6, 12), rng.uniform(-10, seconds), rng.uniform(3.8, 5.0)
-    s = np.arange(0, along[-1], speed / RATE_HZ)
-    times = start_s + np.arange(len(s)) / RATE_HZ
-    speeds = np.full(len(s), speed)
-    if movement.stops and rng.random() < 0.5:  # stops as the first or second of a queue
-        stop = along[np.argmin(np.linalg.norm(path - movement.stops[lane], axis=1))] - length / 2 - abs(rng.normal(0, 0.6))
-        stop -= rng.choice([0.0, 7.0], p=[0.7, 0.3])
-        k, pause = int(np.searchsorted(s, stop)), round(rng.uniform(5, 20) * RATE_HZ)
-        s = np.concatenate([s[:k], np.full(pause, stop), stop + s[: len(s) - k]])
-        speeds = np.concatenate([speeds[:k], np.zeros(pause), speeds[k:]])
-        times = start_s + np.arange(len(s)) / RATE_HZ
+    speed, start_s, pause = rng.uniform(6, 12), rng.uniform(-10, seconds), round(rng.uniform(5, 20) * RATE_HZ)
+    halts = bool(movement.stops) and rng.random() < 0.5
+    behind, tracks = 0.0, []
+    for _ in range(2 if halts and rng.random() < 0.4 else 1):
+        length = rng.uniform(3.8, 5.0)
+        s = np.arange(0, along[-1], speed / RATE_HZ)
+        speeds = np.full(len(s), speed)
+        if halts:
+            stop = along[np.argmin(np.linalg.norm(path - movement.stops[lane], axis=1))] - length / 2 - abs(rng.normal(0, 0.6))
+            k = int(np.searchsorted(s, stop - behind))
+            s = np.concatenate([s[:k], np.full(pause, stop - behind), stop - behind + s[: len(s) - k]])
+            speeds = np.concatenate([speeds[:k], np.zeros(pause), speeds[k:]])
+        times = start_s + 0.2 * behind + np.arange(len(s)) / RATE_HZ
         keep = s < along[-1]
         s, speeds, times = s[keep], speeds[keep], times[keep]
-    xy = np.stack([np.interp(s, along, path[:, i]) for i in (0, 1)], 1)
-    heading = np.interp(s, along[:-1], np.unwrap(np.arctan2(*np.diff(path, axis=0).T[::-1])))
-    away = xy - centre
-    towards = np.cos(np.arctan2(away[:, 1], away[:, 0]) - far)
-    limits = reach + np.array([rng.normal(0, 2), rng.uniform(-20, 10)])
-    before = np.arange(len(s)) < len(s) / 2  # a vehicle is found and lost at different distances
-    limit = np.where(towards > 0.8, limits[1], np.where(before, limits[0], reach + rng.normal(0, 2)))
-    keep = (np.linalg.norm(away, axis=1) < limit) & (times >= 0) & (times < seconds)
-    if keep.sum() < 5:
-        return None
-    rows = np.column_stack([times, xy, heading, speeds, np.zeros((len(s), 2))])[keep]
-    return Track(rows, length, 1.8, number)
+        xy = np.stack([np.interp(s, along, path[:, i]) for i in (0, 1)], 1)
+        heading = np.interp(s, along[:-1], np.unwrap(np.arctan2(*np.diff(path, axis=0).T[::-1])))
+        away = xy - centre
+        towards = np.cos(np.arctan2(away[:, 1], away[:, 0]) - far)
+        limits = reach + np.array([rng.normal(0, 2), rng.uniform(-20, 10)])
+        before = np.arange(len(s)) < len(s) / 2  # a vehicle is found and lost at different distances
+        limit = np.where(towards > 0.8, limits[1], np.where(before, limits[0], reach + rng.normal(0, 2)))
+        keep = (np.linalg.norm(away, axis=1) < limit) & (times >= 0) & (times < seconds)
+        if keep.sum() >= 5:
+            rows = np.column_stack([times, xy, heading, speeds, np.zeros((len(s), 2))])[keep]
+            tracks.append(Track(rows, length, 1.8, number))
+        behind = 7.0
+    return tracks

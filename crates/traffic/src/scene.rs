@@ -74,3 +74,6 @@ pub fn find_scene(clips: &[&Clip], north_rad: Option<f64>) -> Scene {
     let stop_lines = stops::stop_lines(clips, &some, &lanes);
     Scene { arms, lanes, stop_lines, flows }
 }
+
+#[cfg(test)]
+mod tests;

@@ -8,7 +8,7 @@ use crate::{Clip, State, Vehicle};
 const STEP_M: f64 = 2.0;
 /// Least extent of a path, m: about two car lengths. A parked vehicle with noise stays below it.
 const LEAST_M: f64 = 10.0;
-/// Extent of a path in sds of its position. Noise alone reaches it in one vehicle of 16,000 (normal distribution).
+/// Least extent of a path in sds of its position. Noise alone reaches it in one vehicle of 16,000 (normal distribution).
 const LEAST_SDS: f64 = 4.0;
 /// Speed below which a vehicle is in a queue, m/s: 5 km/h, as in the Highway Capacity Manual 2010, chapter 31.
 pub(super) const QUEUE_MPS: f64 = 1.4;
@@ -61,7 +61,9 @@ impl Path {
         let (first, last) = (kept.first()?, states.iter().rfind(finite)?);
         let start = first.position();
         let extent = kept.iter().map(|state| (state.position() - start).norm()).fold(0.0, f64::max);
-        let sd = f64::from(states.iter().flat_map(|state| state.own_sd_m).fold(0.0, f32::max));
+        let mut sds: Vec<f32> = states.iter().map(|state| state.own_sd_m[0].max(state.own_sd_m[1])).collect();
+        sds.sort_unstable_by(f32::total_cmp);
+        let sd = f64::from(sds[sds.len() / 2]);
         if kept.len() < 3 || !(extent >= LEAST_M.max(LEAST_SDS * sd)) {
             return None;
         }

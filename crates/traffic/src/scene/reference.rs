@@ -9,8 +9,9 @@ use super::{
 
 /// Distance between the nodes of a line, m.
 pub(super) const NODE_M: f64 = 2.0;
-/// Half the number of nodes of a moving mean: it is short enough for the curve of a turning car (radius 6 m).
-const SMOOTH: usize = 2;
+/// Number of points to each side that a smoothed point depends on: 10 m. Errors of positions are correlated over about
+/// this length in the tracks of real clips.
+const SMOOTH: usize = 5;
 
 /// A line with nodes at equal distances.
 #[derive(Clone, Debug)]
@@ -79,14 +80,20 @@ impl Reference {
     }
 }
 
-/// Returns the moving mean of points. The ends keep their places.
-fn smoothed(points: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
-    let mean = |i: usize| {
+/// Returns smoothed points: each is the value of a parabola, fitted to its neighbours (Savitzky and Golay 1964). So
+/// curves keep their radius. Near the ends, fewer neighbours are used. The ends keep their places.
+pub(super) fn smoothed(points: &[Vector2<f64>]) -> Vec<Vector2<f64>> {
+    let fitted = |i: usize| {
         let half = SMOOTH.min(i).min(points.len() - 1 - i);
-        let near = &points[i - half..=i + half];
-        near.iter().sum::<Vector2<f64>>() / near.len() as f64
+        let m = half as f64;
+        let weight = |k: f64| 3.0 * (3.0 * m * (m + 1.0) - 1.0 - 5.0 * k * k);
+        let offsets = (0..=2 * half).map(|j| (j, j as f64 - m));
+        let (sum, total) = offsets.fold((Vector2::zeros(), 0.0), |(sum, total), (j, k)| {
+            (sum + points[i + j - half] * weight(k), total + weight(k))
+        });
+        if half < 2 { points[i] } else { sum / total }
     };
-    (0..points.len()).map(mean).collect()
+    (0..points.len()).map(fitted).collect()
 }
 
 /// Returns points at equal distances along a line.

@@ -7,7 +7,7 @@ use super::{
     lane::{Lane, Stay},
     mixture::{Lanes, Sample},
     path::Path,
-    reference::{NODE_M, Place, Reference},
+    reference::{NODE_M, Place, Reference, smoothed},
     trips::Trip,
 };
 
@@ -132,7 +132,7 @@ impl Ribbon {
 
     fn lane(&self, lane: usize, paths: &[Path], track_of: &dyn Fn(&Path) -> u64, trip: Trip) -> Option<Lane> {
         let offsets = self.lanes.offsets(lane, &self.samples);
-        let filled = |offset: &(f64, f64, f64)| offset.2 >= 1.5; // two vehicles
+        let filled = |offset: &(f64, f64, f64)| offset.2 >= FEWEST as f64 - 0.5;
         let (first, last) = (offsets.iter().position(filled)?, offsets.iter().rposition(filled)?);
         let mut stays = Vec::new();
         for (&i, samples) in self.members.iter().zip(&self.samples) {
@@ -178,11 +178,11 @@ impl Ribbon {
             [0, 1].map(|i| a[i] + (b[i] - a[i]) * share)
         };
         let nodes = first * WINDOW..((last + 1) * WINDOW).min(self.reference.nodes.len());
-        let middle =
-            nodes.clone().map(|node| self.reference.nodes[node] + self.reference.left(node) * at(node)[0]);
+        let place = |node: usize| self.reference.nodes[node] + self.reference.left(node) * at(node)[0];
+        let middle: Vec<_> = nodes.clone().map(place).collect();
         let width = self.members.iter().map(|&i| paths[i].width_m).sum::<f64>() / self.members.len() as f64;
         Some(Lane {
-            middle: middle.collect(),
+            middle: smoothed(&middle),
             middle_sd_m: nodes.map(|node| at(node)[1]).collect(),
             width_m: width + 2.0 * 1.96 * self.lanes.wander_m,
             from: trip.from,

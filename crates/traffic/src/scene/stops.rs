@@ -51,10 +51,17 @@ pub(super) fn stop_lines(clips: &[&Clip], paths: &[Path], lanes: &[Lane]) -> Vec
             continue;
         };
         group.sort_by(|a, b| a.front.dot(&axis).total_cmp(&b.front.dot(&axis)));
+        let mut places: Vec<Vec<Head>> = Vec::new();
         while let Some(cluster) = densest(&group, &axis) {
-            let place: Vec<Head> = group.drain(cluster).collect();
-            lines.extend(on_lanes(&place, &axis, lanes));
+            places.push(group.drain(cluster).collect());
         }
+        // If the first vehicle is not seen, the second seems to be the first: such a place is behind that of more queues.
+        let along =
+            |place: &[Head]| place.iter().map(|head| head.front.dot(&axis)).sum::<f64>() / place.len() as f64;
+        let behind =
+            |a: &[Head], b: &[Head]| a.len() <= b.len() && (0.1..AHEAD_M).contains(&(along(b) - along(a)));
+        let first = |place: &&Vec<Head>| !places.iter().any(|other| behind(place, other));
+        lines.extend(places.iter().filter(first).flat_map(|place| on_lanes(place, &axis, lanes)));
     }
     lines
 }
