@@ -136,6 +136,7 @@ fn report(
         headways: figures.headways.clone(),
         flows: figures.flows.clone(),
         zones: figures.zones.clone(),
+        conflicts: figures.conflicts.clone(),
     };
     Ok(TrafficReport { file, figures, sites })
 }

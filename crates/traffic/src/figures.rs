@@ -1,12 +1,15 @@
 //! All figures of one camera.
 
-use crate::Direction;
 use crate::clock::Clock;
+use crate::conflicts::{ConflictLimits, conflicts};
 use crate::flows::Journeys;
 use crate::gate_figures::gate_figures;
-use crate::records::{CountRow, CrossingRow, FlowRow, HeadwayRow, HistogramRow, SpeedRow, ZoneRow};
+use crate::records::{
+    ConflictRow, CountRow, CrossingRow, FlowRow, HeadwayRow, HistogramRow, SpeedRow, ZoneRow,
+};
 use crate::site::Site;
 use crate::zone_figures::zone_figures;
+use crate::{Conflict, Direction, SiteClip};
 
 /// The tables of one camera.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -25,6 +28,8 @@ pub struct Figures {
     pub zones: Vec<ZoneRow>,
     /// Every crossing of a gate.
     pub crossings: Vec<CrossingRow>,
+    /// Conflicts between vehicles, in the order of time.
+    pub conflicts: Vec<ConflictRow>,
 }
 
 impl Figures {
@@ -48,6 +53,15 @@ impl Figures {
         for zone in 0..site.clips.first().map_or(0, |clip| clip.zones.len()) {
             figures.zones.extend(zone_figures(site, zone, &periods));
         }
+        for SiteClip { clip, .. } in &site.clips {
+            let row = |conflict: Conflict| ConflictRow {
+                camera: site.name.clone(),
+                clip: clip.name.clone(),
+                moment: clip.start_s.map(|start| clock.label(start + conflict.at_s)),
+                conflict,
+            };
+            figures.conflicts.extend(conflicts(clip, &ConflictLimits::default()).into_iter().map(row));
+        }
         figures
     }
 
@@ -56,6 +70,7 @@ impl Figures {
         self.flows.extend(other.flows);
         self.zones.extend(other.zones);
         self.crossings.extend(other.crossings);
+        self.conflicts.extend(other.conflicts);
         self.counts.extend(other.counts);
         self.speeds.extend(other.speeds);
         self.speed_histogram.extend(other.speed_histogram);
@@ -74,7 +89,7 @@ impl Figures {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{Clip, Gate, SiteClip, State, Vehicle, Zone};
+    use crate::{Clip, Gate, State, Vehicle, Zone};
     use nalgebra::Vector2;
     use roadplane_base::VehicleClass;
 

@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::clock::Clock;
-use crate::records::{CountRow, FlowRow, HeadwayRow, HistogramRow, SpeedRow, ZoneRow};
+use crate::records::{ConflictRow, CountRow, FlowRow, HeadwayRow, HistogramRow, SpeedRow, ZoneRow};
 use crate::site::{Site, SiteClip};
 
 /// Schema id of `traffic.json`.
@@ -51,6 +51,8 @@ pub struct TrafficFile {
     pub flows: Vec<FlowRow>,
     /// Figures by zone.
     pub zones: Vec<ZoneRow>,
+    /// Conflicts between vehicles.
+    pub conflicts: Vec<ConflictRow>,
 }
 
 /// A camera and its clips.

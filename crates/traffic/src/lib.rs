@@ -14,11 +14,13 @@
 //! - `site.rs`, `passages.rs`: the clips of a camera, periods, passages over a gate with headways
 //! - `figures.rs` (`gate_figures.rs`, `flows.rs`), `records.rs`: the tables of a camera, and their rows
 //! - `file.rs`: `traffic.json`
+//! - `conflicts.rs`, `conflicts/`: post-encroachment time, time to collision, deceleration to avoid a crash
 //! - `normal.rs`: the normal distribution
 
 #![deny(missing_docs)]
 
 mod clock;
+mod conflicts;
 mod count;
 mod crossing;
 mod figures;
@@ -37,12 +39,15 @@ mod zone;
 mod zone_figures;
 
 pub use clock::{Clock, ClockError};
+pub use conflicts::{Conflict, ConflictKind, ConflictLimits, Projection, conflicts};
 pub use count::count_interval;
 pub use crossing::{Crossing, crossings};
 pub use figures::Figures;
 pub use file::{TRAFFIC_SCHEMA, TrafficCamera, TrafficClip, TrafficFile, TrafficPlace, Units};
 pub use gate::{Direction, Gate, Zone};
-pub use records::{CountRow, CrossingRow, FlowRow, Group, HeadwayRow, HistogramRow, SpeedRow, ZoneRow};
+pub use records::{
+    ConflictRow, CountRow, CrossingRow, FlowRow, Group, HeadwayRow, HistogramRow, SpeedRow, ZoneRow,
+};
 pub use scene::{Arm, Flow, Lane, Scene, Stay, StopLine, find_scene};
 pub use site::{Site, SiteClip};
 pub use speed::{Measured, Speed, percentile, space_mean, time_mean};

@@ -5,6 +5,8 @@
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
+use crate::Conflict;
+
 /// Place, kind of vehicles and period of a figure.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Group {
@@ -193,4 +195,18 @@ pub struct CrossingRow {
     pub gap_s: Option<f64>,
     /// Probability that the vehicle crossed, 0 to 1.
     pub probability: f64,
+}
+
+/// A row of `conflicts`: two vehicles that came close to a collision.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct ConflictRow {
+    /// Name of the camera.
+    pub camera: String,
+    /// Name of the clip.
+    pub clip: String,
+    /// Local time of the conflict with its offset from UTC. It is missing if the date of the clip is unknown.
+    pub moment: Option<String>,
+    /// The conflict.
+    #[serde(flatten)]
+    pub conflict: Conflict,
 }

@@ -61,7 +61,7 @@ pub struct State {
 
 /// Longest time between two states that is bridged by interpolation, s. A vehicle has a state in every frame, except
 /// while it is out of the picture.
-const LONGEST_STEP_S: f64 = 1.1;
+pub(crate) const LONGEST_STEP_S: f64 = 1.1;
 
 impl Clip {
     /// Returns the time in which vehicles were followed between two times, s.

@@ -37,6 +37,7 @@ pub(super) fn write_all(report: &TrafficReport, folder: &Path) -> Result<(), Wri
     write("headways", rows(&figures.headways, units))?;
     write("flows", rows(&figures.flows, units))?;
     write("zones", rows(&figures.zones, units))?;
+    write("conflicts", rows(&figures.conflicts, units))?;
     write("crossings", rows(&figures.crossings, units))
 }
 

@@ -84,6 +84,7 @@ fn camera(page: &mut String, file: &TrafficFile, site: &Site) {
     }
     flows(page, file, site);
     zones(page, file, site);
+    conflicts(page, file, site);
 }
 
 fn is_here(group: &Group, site: &Site, place: &str, direction: &str) -> bool {
@@ -250,4 +251,51 @@ fn zones(page: &mut String, file: &TrafficFile, site: &Site) {
         );
     }
     page.push_str("</table></div>\n");
+}
+
+/// Largest number of conflicts in the table of the page.
+const MOST_CONFLICTS: usize = 20;
+
+/// Appends the conflicts with the shortest times.
+fn conflicts(page: &mut String, file: &TrafficFile, site: &Site) {
+    let mut rows: Vec<_> = file.conflicts.iter().filter(|row| row.camera == site.name).collect();
+    if rows.is_empty() {
+        return;
+    }
+    let shortest = |row: &roadplane_traffic::ConflictRow| {
+        let c = &row.conflict;
+        c.pet_s.unwrap_or(f64::INFINITY).min(c.min_ttc_s.unwrap_or(f64::INFINITY))
+    };
+    rows.sort_by(|a, b| shortest(a).total_cmp(&shortest(b)));
+    put(page, format_args!("<h3>Conflicts: {}</h3>\n", rows.len()));
+    page.push_str(
+        "<div class=\"scroll\"><table><thead><tr><th>tracks</th><th>kind</th><th>time s</th><th>PET s</th>\
+         <th>shortest TTC s</th><th>P(TTC &lt; limit)</th><th>DRAC m/s²</th></tr></thead>\n",
+    );
+    for row in rows.iter().take(MOST_CONFLICTS) {
+        let c = &row.conflict;
+        let value = |value: Option<f64>, sd: Option<f64>| {
+            let sd = sd.map_or_else(String::new, |sd| format!(" ± {:.1}", SDS_95 * sd));
+            value.map_or_else(String::new, |value| format!("{value:.1}{sd}"))
+        };
+        put(
+            page,
+            format_args!(
+                "<tr><td>{}, {}</td><td class=\"words\">{}</td><td>{:.1}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>\n",
+                c.first,
+                c.second,
+                format!("{:?}", c.kind).to_lowercase(),
+                c.at_s,
+                value(c.pet_s, c.pet_sd_s),
+                value(c.min_ttc_s, c.min_ttc_sd_s),
+                c.min_ttc_below_p.map_or_else(String::new, |p| format!("{p:.2}")),
+                value(c.max_drac_mps2, c.max_drac_sd_mps2),
+            ),
+        );
+    }
+    page.push_str("</table></div>\n");
+    if rows.len() > MOST_CONFLICTS {
+        let more = rows.len() - MOST_CONFLICTS;
+        put(page, format_args!("<p class=\"hint\">{more} more are in the table conflicts.</p>\n"));
+    }
 }

@@ -1,0 +1,160 @@
+//! Sds against the scatter of simulated errors.
+
+use std::f64::consts::FRAC_PI_2;
+
+use roadplane_traffic::{Conflict, State, Vehicle, conflicts};
+
+use crate::{all, car, clip, uniform};
+
+const OWN_SD_M: [f64; 2] = [0.25, 0.35];
+const SPEED_SD_MPS: f64 = 0.3;
+const SCALE_SD: f64 = 0.04;
+
+/// Standard normal numbers from a fixed seed: SplitMix64, and the sum of twelve uniform numbers.
+struct Normal(u64);
+
+impl Normal {
+    fn draw(&mut self) -> f64 {
+        let mut uniform = || {
+            self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+            let mut z = self.0;
+            z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+            ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
+        };
+        (0..12).map(|_| uniform()).sum::<f64>() - 6.0
+    }
+}
+
+/// Adds an error of position and speed to each vehicle, and one of the scale to all.
+fn measured(truth: &[Vehicle], normal: &mut Normal) -> Vec<Vehicle> {
+    let scale = 1.0 + SCALE_SD * normal.draw();
+    let one = |vehicle: &Vehicle, normal: &mut Normal| {
+        let [x, y] = OWN_SD_M.map(|sd| sd * normal.draw());
+        let faster = SPEED_SD_MPS * normal.draw();
+        let state = |s: &State| State {
+            x_m: (s.x_m + x) * scale,
+            y_m: (s.y_m + y) * scale,
+            speed_mps: ((f64::from(s.speed_mps) + faster) * scale) as f32,
+            own_sd_m: OWN_SD_M.map(|sd| sd as f32),
+            own_speed_sd_mps: SPEED_SD_MPS as f32,
+            ..*s
+        };
+        Vehicle {
+            states: vehicle.states.iter().map(state).collect(),
+            length_m: vehicle.length_m * scale,
+            width_m: vehicle.width_m * scale,
+            ..vehicle.clone()
+        }
+    };
+    truth.iter().map(|vehicle| one(vehicle, normal)).collect()
+}
+
+/// A figure of a conflict, its sd, and the probability that it passes its limit.
+type Figure = fn(&Conflict) -> Option<(f64, f64, f64)>;
+
+const PET: Figure = |c| Some((c.pet_s?, c.pet_sd_s?, c.pet_serious_p?));
+const TTC: Figure = |c| Some((c.min_ttc_s?, c.min_ttc_sd_s?, c.min_ttc_below_p?));
+const DRAC: Figure = |c| Some((c.max_drac_mps2?, c.max_drac_sd_mps2?, c.max_drac_above_p?));
+
+/// Checks the rms of error / sd, and that the probabilities are as often right as they say.
+fn check(truth: &[Vehicle], figure: Figure, passes: impl Fn(f64) -> bool) {
+    let all = all();
+    let exact = conflicts(&clip(truth.to_vec(), None), &all);
+    assert_eq!(exact.len(), 1);
+    // Without sds, only the value is there.
+    let with_sds = |c: &Conflict| Conflict {
+        pet_sd_s: Some(0.0),
+        min_ttc_sd_s: Some(0.0),
+        max_drac_sd_mps2: Some(0.0),
+        ..c.clone()
+    };
+    let (true_value, ..) = figure(&with_sds(&exact[0])).unwrap();
+    let mut normal = Normal(20_26);
+    let (mut squares, mut count, mut brier, mut scatter) = (0.0, 0.0, 0.0, 0.0);
+    for _ in 0..400 {
+        let found = conflicts(&clip(measured(truth, &mut normal), Some(SCALE_SD)), &all);
+        let Some((value, sd, p)) = found.first().and_then(figure) else { continue };
+        squares += ((value - true_value) / sd).powi(2);
+        count += 1.0;
+        // The probability that the truth passes the limit, given the measurement.
+        brier += (p - f64::from(u8::from(passes(true_value)))).powi(2);
+        scatter += (value - true_value).powi(2);
+    }
+    let rms = f64::sqrt(squares / count);
+    println!(
+        "rms {rms:.3}, scatter {:.3}, Brier {:.3}, n {count}",
+        f64::sqrt(scatter / count),
+        brier / count
+    );
+    assert!(count >= 390.0, "{count} of 400");
+    assert!((0.7..1.3).contains(&rms), "error / sd has an rms of {rms}");
+}
+
+#[test]
+fn pet_at_a_crossing() {
+    for angle_rad in [FRAC_PI_2, 1.0, 2.0] {
+        let along = 10.0 * 4.7;
+        let start = [-along * f64::cos(angle_rad), -along * f64::sin(angle_rad)];
+        let truth = [
+            car(1, [0.0, 9.0], &uniform([-30.0, 0.0], 0.0, 10.0)),
+            car(2, [0.0, 9.0], &uniform(start, angle_rad, 10.0)),
+        ];
+        check(&truth, PET, |pet| pet < 1.5);
+    }
+}
+
+#[test]
+fn ttc_and_drac_of_a_follower() {
+    let truth = [
+        car(1, [0.0, 2.0], &uniform([32.0, 0.0], 0.2, 8.0)),
+        car(2, [0.0, 2.0], &uniform([0.0, -6.4], 0.2, 15.0)),
+    ];
+    check(&truth, TTC, |ttc| ttc < 1.5);
+    check(&truth, DRAC, |drac| drac > 3.35);
+}
+
+#[test]
+fn ttc_and_drac_at_a_crossing() {
+    // Both tracks end before the contact that is expected 1.5 s later.
+    let truth = [
+        car(1, [0.0, 1.0], &uniform([-19.0 - 3.15, 0.0], 0.0, 9.0)),
+        car(2, [0.0, 1.0], &uniform([0.0, -25.0 - 3.15], FRAC_PI_2, 10.0)),
+    ];
+    check(&truth, TTC, |ttc| ttc < 1.5);
+    check(&truth, DRAC, |drac| drac > 3.35);
+}
+
+#[test]
+fn probabilities_of_times_in_a_lane_are_calibrated() {
+    // The probability that TTC is below its limit is the share of simulated truths below it: gap and closing speed of a
+    // measurement, changed by the own errors.
+    let mut normal = Normal(7);
+    let truth = [
+        car(1, [0.0, 1.0], &uniform([22.0, 0.0], 0.0, 8.0)),
+        car(2, [0.0, 1.0], &uniform([0.0, 0.0], 0.0, 14.0)),
+    ];
+    let limits = all();
+    let with_sds: Vec<Vehicle> = truth
+        .iter()
+        .map(|v| Vehicle {
+            states: v
+                .states
+                .iter()
+                .map(|s| State { own_sd_m: [0.25, 0.35], own_speed_sd_mps: 0.8, ..*s })
+                .collect(),
+            ..v.clone()
+        })
+        .collect();
+    let found =
+        conflicts(&clip(with_sds, Some(0.0)), &roadplane_traffic::ConflictLimits { ttc_s: 1.7, ..limits });
+    let p = found[0].min_ttc_below_p.unwrap();
+    let (gap_m, closing_mps) = (22.0 - 4.5 - 6.0, 6.0);
+    let below = (0..20_000).filter(|_| {
+        let gap = gap_m + 0.25 * (normal.draw() - normal.draw());
+        let closing = closing_mps + 0.8 * (normal.draw() - normal.draw());
+        gap < 1.7 * closing
+    });
+    let share = below.count() as f64 / 20_000.0;
+    assert!((p - share).abs() < 0.01, "{p} {share}");
+}
