@@ -81,6 +81,8 @@ def check_kitti(folder: Path, name: str, run: pd.DataFrame) -> int:
     close(rows[:, 2:6], run[BOX], 0.006)
     labels = pd.read_csv(folder / "label_02" / f"{name}.txt", sep=" ", header=None)
     close(labels[[10, 11, 12]], run[["height_m", "width_m", "length_m"]], 1e-4)
+    if run.attrs["has_lens"]:  # KITTI has no lens distortion, so the boxes are elsewhere
+        return len(rows)
     # The centre of the underside projects into the box, for boxes inside the picture.
     projection = np.array((folder / "calib" / f"{name}.txt").read_text().splitlines()[2].split()[1:], float).reshape(3, 4)
     pixel = np.column_stack([labels[[13, 14, 15]], np.ones(len(labels))]) @ projection.T
@@ -186,6 +188,7 @@ def main() -> None:
     args = parser.parse_args()
     folder = args.run
     run = pd.read_csv(folder / "tracks.csv")
+    run.attrs["has_lens"] = json.loads((folder / "camera.json").read_text())["lens"] is not None
     with tempfile.TemporaryDirectory() as out:
         subprocess.run([PROGRAM, "export", folder, "--format", "all", "--out", out], check=True, stderr=subprocess.DEVNULL)
         written = {path.name for path in Path(out).iterdir() if path.is_dir()}
