@@ -4,9 +4,9 @@
 //!
 //! # Definitions
 //! - *Post-encroachment time* (PET): the time from the moment the first vehicle leaves the conflict area to the moment
-//!   the second one enters it (Allen, Shin and Cooper 1978). The area is what both footprints cover, at any time. It is
+//!   the second one enters it (Allen, Shin and Cooper 1978). The area is what both footprints cover, at any time: PET is
 //!   the time from the exit of the first vehicle's footprint from the second one's path to the entry of the second
-//!   footprint into the first one's path. Where paths merge, the area is the footprint with which the second vehicle
+//!   footprint into the first one's path. Where paths merge or lead against each other, the area is the footprint with which the second vehicle
 //!   enters. Vehicles that follow each other have none, because their areas do not end; they have headways.
 //! - *Time to collision* (TTC): the time until the footprints touch if both vehicles keep their speeds (Hayward 1972).
 //!   They go along their paths ([`Projection`]). In a lane it is gap / (v₂ − v₁).

@@ -72,26 +72,35 @@ pub(super) fn kind(entry_rad: f64, exit_rad: f64) -> ConflictKind {
     }
 }
 
-/// Returns the meeting of two paths with the shortest post-encroachment time up to `longest_pet_s`, else any meeting.
-/// `None` if the paths do not meet.
-pub(super) fn meeting(a: &Path<'_>, b: &Path<'_>, longest_pet_s: f64) -> Option<Meeting> {
-    let mut best: Option<Meeting> = None;
+/// Returns whether two paths meet, and the meeting with the shortest post-encroachment time up to `longest_pet_s`, else
+/// any meeting on observed parts of the paths.
+pub(super) fn meeting(a: &Path<'_>, b: &Path<'_>, longest_pet_s: f64) -> (bool, Option<Meeting>) {
+    let (mut meets, mut best) = (false, None::<Meeting>);
     for (swapped, first, second) in [(false, a, b), (true, b, a)] {
+        let mut runs = Runs { first, second, segment: 0 };
         let mut found = false;
-        for run in Runs::new(first, second) {
+        while let Some(start) = runs.enter() {
             found = true;
-            let entry_rad = angle_between(first, second, &run.enter);
-            let is_second = second.first_s(run.enter.travelled_m)
-                >= first.first_s(first.nodes[run.enter.node].travelled_m);
+            let observed =
+                start.enter.node < first.observed && start.segments[0] + 1 < second.observed.max(2);
+            if !observed {
+                break;
+            }
+            let entry_rad = angle_between(first, second, &start.enter);
+            let comes_second = second.first_s(start.enter.travelled_m)
+                >= first.first_s(first.nodes[start.enter.node].travelled_m);
             if entry_rad < FOLLOWING_RAD {
+                if !comes_second {
+                    // The other order of the two finds this meeting.
+                    break;
+                }
                 // Vehicles in the same lane meet all along it. There is no place that one leaves and the other enters.
-                let swapped = swapped == is_second;
-                return Some(Meeting {
-                    swapped,
-                    kind: ConflictKind::Following,
-                    angle_rad: entry_rad,
-                    encroachment: None,
-                });
+                let kind = ConflictKind::Following;
+                return (true, Some(Meeting { swapped, kind, angle_rad: entry_rad, encroachment: None }));
+            }
+            let run = runs.to_end(start);
+            if !enters_second(first, second, &run) {
+                continue;
             }
             let kind = kind(entry_rad, angle_between(first, second, &run.leave));
             let encroachment = encroachment(first, second, &run, kind).filter(|e| e.pet_s <= longest_pet_s);
@@ -104,15 +113,43 @@ pub(super) fn meeting(a: &Path<'_>, b: &Path<'_>, longest_pet_s: f64) -> Option<
         if !found {
             break;
         }
+        meets = true;
     }
-    best
+    (meets, best)
 }
 
 fn angle_between(first: &Path<'_>, second: &Path<'_>, touch: &Touch) -> f64 {
     angle_rad(&first.nodes[touch.node].forward, &second.at(touch.travelled_m).forward)
 }
 
-/// Returns the encroachment of a run if `second` enters after `first` did, and if both were observed there.
+/// Whether the first vehicle enters the area of a run before the second one.
+fn enters_second(first: &Path<'_>, second: &Path<'_>, run: &Run) -> bool {
+    let entries_m = area(second, run).flat_map(|place| touches(first, run, place)).map(|[(_, from), _]| from);
+    let entered_s = first.first_s(entries_m.fold(f64::INFINITY, f64::min));
+    let enters_s = second.first_s(run.enter.travelled_m);
+    entered_s < enters_s || entered_s == enters_s && first.vehicle.track < second.vehicle.track
+}
+
+/// Returns the second vehicle's footprints at the nodes of a run.
+fn area<'a>(second: &'a Path<'_>, run: &Run) -> impl Iterator<Item = Footprint> + 'a {
+    (run.segments[0]..=(run.segments[1] + 1).min(second.nodes.len() - 1)).map(|node| second.at_node(node))
+}
+
+/// Returns the first vehicle's segments and travelled distances (m) at which it begins and ceases to touch a place.
+fn touches<'a>(
+    first: &'a Path<'_>,
+    run: &Run,
+    place: Footprint,
+) -> impl Iterator<Item = [(usize, f64); 2]> + 'a {
+    let segments = run.others[0].saturating_sub(1)..=run.others[1].min(first.nodes.len() - 1);
+    segments.filter_map(move |segment| {
+        let (start, motion) = first.segment(segment);
+        let shares = start.touch(&motion, &place, &Vector2::zeros())?;
+        Some(shares.map(|share| (segment, first.on_segment_m(segment, share))))
+    })
+}
+
+/// Returns the encroachment of a run, `None` if the vehicles were not observed at their entry and exit.
 fn encroachment(first: &Path<'_>, second: &Path<'_>, run: &Run, kind: ConflictKind) -> Option<Encroachment> {
     let observed = |path: &Path<'_>, node: usize| node + 1 < path.observed;
     let seen_m = 1e-9..=second.nodes[second.observed - 1].travelled_m;
@@ -121,27 +158,13 @@ fn encroachment(first: &Path<'_>, second: &Path<'_>, run: &Run, kind: ConflictKi
     }
     let enters_s = second.first_s(run.enter.travelled_m);
     second.vehicle.at(enters_s)?;
-    let entering = second.at(run.enter.travelled_m);
-    // The first vehicle's travelled distances, with the second vehicle's footprint, at which it enters and leaves.
-    let segments = run.others[0].saturating_sub(1)..=run.others[1].min(first.nodes.len() - 1);
-    let touches = |footprint: Footprint| {
-        segments.clone().filter_map(move |segment| {
-            let (start, motion) = first.segment(segment);
-            let [from, to] = start.touch(&motion, &footprint, &Vector2::zeros())?;
-            Some([from, to].map(|share| (segment, first.on_segment_m(segment, share))))
-        })
-    };
-    let nodes = run.segments[0]..=(run.segments[1] + 1).min(second.nodes.len() - 1);
-    let all = nodes.map(|node| second.at_node(node)).chain([entering]);
-    let first_m = all.clone().flat_map(touches).map(|[(_, from), _]| from).fold(f64::INFINITY, f64::min);
-    let entered_s = first.first_s(first_m);
-    if entered_s > enters_s || entered_s == enters_s && first.vehicle.track > second.vehicle.track {
-        return None;
-    }
-    let places: Vec<Footprint> = if kind == ConflictKind::Merging { vec![entering] } else { all.collect() };
+    // A little beyond the first contact, so that the footprints overlap.
+    let entering = second.at(run.enter.travelled_m + 0.02);
+    // Where paths merge, or lead against each other, the area has no end that matters.
+    let whole = if kind == ConflictKind::Crossing { area(second, run).collect() } else { Vec::new() };
     let mut leaving: Option<((usize, f64), Footprint)> = None;
-    for place in places {
-        for [_, to] in touches(place) {
+    for place in whole.into_iter().chain([entering]) {
+        for [_, to] in touches(first, run, place) {
             // The margin keeps the first of equal distances, so that rounding does not choose.
             if leaving.is_none_or(|(best, _)| to.1 > best.1 + 1e-9) {
                 leaving = Some((to, place));
@@ -187,11 +210,7 @@ struct Runs<'a> {
     segment: usize,
 }
 
-impl<'a> Runs<'a> {
-    fn new(first: &'a Path<'a>, second: &'a Path<'a>) -> Self {
-        Self { first, second, segment: 0 }
-    }
-
+impl Runs<'_> {
     /// Returns the entry, the exit, and the first and last touched node of a segment.
     fn touched(&self, segment: usize) -> Option<(Touch, Touch, [usize; 2])> {
         let (start, motion) = self.second.segment(segment);
@@ -225,37 +244,37 @@ impl<'a> Runs<'a> {
         }
         found
     }
-}
 
-impl Iterator for Runs<'_> {
-    type Item = Run;
-
-    fn next(&mut self) -> Option<Run> {
-        let mut run: Option<Run> = None;
-        let segments = (self.second.nodes.len() - 1).max(1);
-        while self.segment < segments {
+    /// Returns the first segment of the next run.
+    fn enter(&mut self) -> Option<Run> {
+        while self.segment < self.segments() {
             let segment = self.segment;
-            if run.is_none()
-                && segment.is_multiple_of(CHUNK)
-                && !self.second.chunks[segment / CHUNK].meet(&self.first.bounds)
-            {
+            let chunk = &self.second.chunks[segment / CHUNK];
+            if segment.is_multiple_of(CHUNK) && !chunk.meet(&self.first.bounds) {
                 self.segment += CHUNK;
                 continue;
             }
             self.segment += 1;
-            match (&mut run, self.touched(segment)) {
-                (None, None) => {}
-                (Some(_), None) => break,
-                (None, Some((enter, leave, others))) => {
-                    run = Some(Run { enter, leave, others, segments: [segment, segment] });
-                }
-                (Some(run), Some((_, leave, others))) => {
-                    run.leave = leave;
-                    run.segments[1] = segment;
-                    run.others = [run.others[0].min(others[0]), run.others[1].max(others[1])];
-                }
+            if let Some((enter, leave, others)) = self.touched(segment) {
+                return Some(Run { enter, leave, others, segments: [segment, segment] });
             }
         }
+        None
+    }
+
+    /// Returns a run with all its segments.
+    fn to_end(&mut self, mut run: Run) -> Run {
+        while self.segment < self.segments() {
+            self.segment += 1;
+            let Some((_, leave, others)) = self.touched(self.segment - 1) else { break };
+            run.leave = leave;
+            run.segments[1] = self.segment - 1;
+            run.others = [run.others[0].min(others[0]), run.others[1].max(others[1])];
+        }
         run
+    }
+
+    fn segments(&self) -> usize {
+        (self.second.nodes.len() - 1).max(1)
     }
 }

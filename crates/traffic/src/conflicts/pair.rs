@@ -34,8 +34,8 @@ pub(super) fn conflict(
     scale_sd: Option<f64>,
     limits: &ConflictLimits,
 ) -> Option<Conflict> {
-    let meeting = meeting(a, b, limits.pet_s);
-    if meeting.is_none() && limits.projection == Projection::Path {
+    let (meets, meeting) = meeting(a, b, limits.pet_s);
+    if !meets && limits.projection == Projection::Path {
         return None;
     }
     let expected = expected_contacts(a, b, limits);

@@ -10,6 +10,8 @@ use crate::State;
 
 /// Longest part of a projection in which both motions count as straight, s.
 const STEP_S: f64 = 0.2;
+/// Highest deceleration that is tried, m/s². Tyres reach about 10 m/s².
+const HARDEST_MPS2: f64 = 20.0;
 /// Number of halvings in the search for a deceleration.
 const HALVINGS: usize = 16;
 
@@ -190,25 +192,28 @@ pub(super) fn brake(a: &Motion<'_>, b: &Motion<'_>, horizon_s: f64) -> Brake {
     if contact_s <= 0.0 {
         return Brake::Futile;
     }
-    // A stop before the place of the contact always suffices, if braking helps at all.
-    let most = |motion: &Motion<'_>| motion.speed_mps.abs() / (2.0 * contact_s) * 1.001;
+    // The vehicle that runs into the other one avoids that by a stop before the place of the contact.
+    let enough = |motion: &Motion<'_>| motion.speed_mps.abs() / (2.0 * contact_s) * 1.001;
     let avoided_a = |brake: f64| until_contact_s(&a.braking(brake), b, horizon_s).is_none();
     let avoided_b = |brake: f64| until_contact_s(a, &b.braking(brake), horizon_s).is_none();
-    let by_a = least(most(a), avoided_a);
-    let by_b = least(most(b), avoided_b);
-    match (by_a, by_b) {
-        (None, None) => Brake::Futile,
-        (Some(one), None) | (None, Some(one)) => Brake::Needed(one),
-        (Some(a), Some(b)) => Brake::Needed(a.min(b)),
-    }
+    let by_b = least(enough(b), HARDEST_MPS2, avoided_b);
+    let by_a = match by_b {
+        Some(by_b) => least(by_b, by_b, avoided_a),
+        None => least(enough(a), HARDEST_MPS2, avoided_a),
+    };
+    by_a.or(by_b).map_or(Brake::Futile, Brake::Needed)
 }
 
-/// Returns the smallest deceleration between 0 and `most` (m/s²) that suffices. `None` if `most` does not.
-fn least(most: f64, suffices: impl Fn(f64) -> bool) -> Option<f64> {
-    if most <= 0.0 || !suffices(most) {
-        return None;
+/// Returns the smallest deceleration up to `hardest` that suffices, m/s². `None` if there is none. The search begins at
+/// `guess`.
+fn least(guess: f64, hardest: f64, suffices: impl Fn(f64) -> bool) -> Option<f64> {
+    let (mut low, mut high) = (0.0, guess.min(hardest));
+    while !suffices(high) {
+        if high >= hardest || high <= 0.0 {
+            return None;
+        }
+        (low, high) = (high, (2.0 * high).min(hardest));
     }
-    let (mut low, mut high) = (0.0, most);
     for _ in 0..HALVINGS {
         let middle = (low + high) / 2.0;
         if suffices(middle) { high = middle } else { low = middle }
