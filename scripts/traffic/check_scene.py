@@ -6,11 +6,10 @@
 It makes streets of each seed (`streets.py`) and variants of them (`variants.py`), and runs the example `scene` of the
 crate `traffic`. The table has one line per variant:
 
-  flows    true flows with three or more vehicles that were seen on their whole path; found, missed, invented
-  lanes    true lanes with three or more such vehicles; found, missed, invented
-  middle   error of the lanes' middles: median and 95 % over their points, m; rms of error / sd
-  stops    places where the first vehicles of three or more queues stop; found, missed, invented; median and largest
-           error, m
+- flows: true flows with three or more vehicles that were seen on their whole path; found, missed, invented.
+- lanes: true lanes with three or more such vehicles; found, missed, invented.
+- middle: error of the lanes' middles, m, as median and 95 % over their points; rms of the normalised error.
+- stops: places where the first vehicles of three or more queues stop; found, missed, invented; errors, m.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ pub enum Projection {
     /// SSAM projects in this manner; SUMO projects along lanes. A driver who swerves hides a conflict.
     #[default]
     Path,
-    /// Straight on along its heading, at its present speed. In bends this expects contacts that nobody has to avoid.
+    /// Straight on along its heading, at its present speed. In curves this expects contacts that nobody has to avoid.
     Straight,
 }
 

@@ -98,7 +98,7 @@ pub(super) fn meeting(a: &Path<'_>, b: &Path<'_>, longest_pet_s: f64) -> (bool, 
                 let kind = ConflictKind::Following;
                 return (true, Some(Meeting { swapped, kind, angle_rad: entry_rad, encroachment: None }));
             }
-            let run = runs.to_end(start);
+            let run = runs.run_to_end(start);
             if !enters_second(first, second, &run) {
                 continue;
             }
@@ -263,7 +263,7 @@ impl Runs<'_> {
     }
 
     /// Returns a run with all its segments.
-    fn to_end(&mut self, mut run: Run) -> Run {
+    fn run_to_end(&mut self, mut run: Run) -> Run {
         while self.segment < self.segments() {
             self.segment += 1;
             let Some((_, leave, others)) = self.touched(self.segment - 1) else { break };

@@ -216,8 +216,8 @@ fn spread_means(sorted: &[f64], groups: usize) -> Option<Vec<f64>> {
         let mut next = vec![f64::INFINITY; n + 1];
         let mut start = vec![0; n + 1];
         for to in group + 1..=n {
-            for from in group..to {
-                let sum = cost[from] + squares(from, to);
+            for (from, before) in cost.iter().enumerate().take(to).skip(group) {
+                let sum = before + squares(from, to);
                 if sum < next[to] {
                     (next[to], start[to]) = (sum, from);
                 }

@@ -64,7 +64,7 @@ impl Path {
         let mut sds: Vec<f32> = states.iter().map(|state| state.own_sd_m[0].max(state.own_sd_m[1])).collect();
         sds.sort_unstable_by(f32::total_cmp);
         let sd = f64::from(sds[sds.len() / 2]);
-        if kept.len() < 3 || !(extent >= LEAST_M.max(LEAST_SDS * sd)) {
+        if kept.len() < 3 || extent.is_nan() || extent < LEAST_M.max(LEAST_SDS * sd) {
             return None;
         }
         let begins = drives(states.iter().filter(finite), first.time_s) && !cut(source, first.time_s);

@@ -57,7 +57,7 @@ const PET: Figure = |c| Some((c.pet_s?, c.pet_sd_s?, c.pet_serious_p?));
 const TTC: Figure = |c| Some((c.min_ttc_s?, c.min_ttc_sd_s?, c.min_ttc_below_p?));
 const DRAC: Figure = |c| Some((c.max_drac_mps2?, c.max_drac_sd_mps2?, c.max_drac_above_p?));
 
-/// Checks the rms of error / sd, and that the probabilities are as often right as they say.
+/// Checks the rms of the normalised errors, and that the probabilities are as often right as they say.
 fn check(truth: &[Vehicle], figure: Figure, passes: impl Fn(f64) -> bool) {
     let all = all();
     let exact = conflicts(&clip(truth.to_vec(), None), &all);
