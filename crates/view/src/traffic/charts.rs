@@ -72,7 +72,7 @@ pub(super) fn bars(name: &str, bars: &[Bar]) -> String {
         }
     }
     let _infallible =
-        write!(svg, "<path d=\"M{left} {height}h{width}\" stroke=\"var(--soft)\" fill=\"none\"/></svg>\n");
+        writeln!(svg, "<path d=\"M{left} {height}h{width}\" stroke=\"var(--soft)\" fill=\"none\"/></svg>");
     svg
 }
 
