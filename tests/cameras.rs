@@ -7,7 +7,7 @@ use image::{Rgb, RgbImage};
 use roadplane_decode::{DecodeOptions, open};
 use serde_json::Value;
 
-use crate::common::{json, number, roadplane, root};
+use crate::common::{json, names, number, roadplane, root};
 
 /// Number of frames of each night.
 const FRAMES: u64 = 10;
@@ -130,10 +130,22 @@ fn a_camera_is_stored_for_the_next_night_and_a_turn_begins_an_epoch() {
 #[test]
 fn a_camera_that_cannot_be_named_is_an_error_of_the_command_line() {
     let temp = tempfile::tempdir().unwrap();
-    for id in ["../x", "gate_{}", ""] {
+    for id in ["../x", "{}_{}", ""] {
         let mut command = roadplane();
         command.args(["run", "tests/data/lot.mp4", "--camera-id", id, "--out"]).arg(temp.path().join("o"));
         command.arg("--cameras").arg(temp.path().join("c")).assert().code(2);
     }
     assert!(!temp.path().join("c").exists());
+}
+
+#[test]
+fn a_clip_without_a_camera_in_its_name_does_not_use_the_database() {
+    let temp = tempfile::tempdir().unwrap();
+    let (out, cameras) = (temp.path().join("o"), temp.path().join("c"));
+    let mut command = roadplane();
+    command.args(["run", "tests/data/lot.mp4", "--set", "decode.max_frames=3", "--camera-id", "gate_{}"]);
+    command.arg("--cameras").arg(&cameras).arg("--out").arg(&out).assert().code(0);
+    let warnings = json(&out.join("lot/summary.json"))["warnings"].to_string();
+    assert!(warnings.contains("finds no camera in the name"), "{warnings}");
+    assert!(!out.join("lot/evidence.json").exists() && names(&cameras).is_empty());
 }

@@ -45,7 +45,7 @@ pub struct DecodeReport {
     /// Number of lost frames whose cause is a warning of its own in `warnings`.
     #[serde(default)]
     pub explained: u64,
-    /// Warnings about the input, in plain text. They do not contain [`Self::damage_in_words`].
+    /// Warnings about the input, in plain text. The summary of a run adds one sentence about all lost frames.
     pub warnings: Vec<String>,
 }
 

@@ -62,10 +62,10 @@ fn tell(folder: &Path, content: &FolderContent) {
     let FolderContent { images, videos, ignored } = content;
     let (folder, videos) = (folder.display(), videos.len());
     if images.is_empty() {
-        tracing::info!("{folder}: {videos} videos");
+        tracing::info!("{folder}: its videos are processed ({videos})");
     } else {
         tracing::warn!(
-            "{folder}: only its {videos} videos are processed. Its {} images are left out: put them into a folder of \
+            "{folder}: only its videos are processed ({videos}). Its images ({}) are left out: put them into a folder of \
              their own",
             images.len()
         );
