@@ -8,8 +8,18 @@ use roadplane_base::{Camera, ImageSize, TrackRow};
 use crate::activities::{SHOWN, activity_colour, activity_intervals, words};
 use crate::overlay::track_colour;
 
-/// Width of the drawing, px.
-const WIDTH_PX: f64 = 900.0;
+/// Largest width and height of the plan in the drawing, px.
+const PLAN_PX: [f64; 2] = [1140.0, 760.0];
+/// Ratio of height to width above which the plan is turned. The viewing direction then points to the right.
+const TURN_RATIO: f64 = 1.2;
+/// Smallest ratio of the plan's short side to its long side. A narrower plan gets a wider margin.
+const LEAST_RATIO: f64 = 0.2;
+/// Height of a line of the legend, px.
+const LEGEND_LINE_PX: f64 = 20.0;
+/// Width of an entry of the legend, px.
+const LEGEND_ENTRY_PX: f64 = 120.0;
+/// Height of the numbers of tracks, px.
+const NUMBER_PX: f64 = 13.0;
 /// Possible distances between grid lines, m.
 const GRIDS_M: [f64; 4] = [5.0, 10.0, 20.0, 50.0];
 /// Smallest distance between two grid lines in the drawing, px.
@@ -23,14 +33,38 @@ const REACH: f64 = 1.6;
 
 /// The transformation from world coordinates (m) to coordinates in the drawing (px).
 struct Sheet {
-    left_m: f64,
-    top_m: f64,
+    /// Left, right, bottom and top edges of the plan in world coordinates, m.
+    edges_m: [f64; 4],
     px_per_m: f64,
+    /// Whether the viewing direction of the camera points to the right. Otherwise it points up.
+    turned: bool,
 }
 
 impl Sheet {
+    /// Creates the sheet on which a plan with these edges (left, right, bottom, top, m) is largest.
+    fn new([mut left, mut right, bottom, top]: [f64; 4]) -> Self {
+        let (wide_m, high_m) = (right - left, top - bottom);
+        let turned = high_m > TURN_RATIO * wide_m;
+        if turned {
+            let more_m = (LEAST_RATIO * high_m - wide_m).max(0.0) / 2.0;
+            (left, right) = (left - more_m, right + more_m);
+        }
+        let [along_m, across_m] = if turned { [high_m, right - left] } else { [wide_m, high_m] };
+        let px_per_m = (PLAN_PX[0] / along_m).min(PLAN_PX[1] / across_m);
+        Self { edges_m: [left, right, bottom, top], px_per_m, turned }
+    }
+
     fn at(&self, x_m: f64, y_m: f64) -> (f64, f64) {
-        ((x_m - self.left_m) * self.px_per_m, (self.top_m - y_m) * self.px_per_m)
+        let [left, _, bottom, top] = self.edges_m;
+        let right_and_down_m = if self.turned { [y_m - bottom, x_m - left] } else { [x_m - left, top - y_m] };
+        let [x, y] = right_and_down_m.map(|m| m * self.px_per_m);
+        (x, y)
+    }
+
+    /// Returns the width and height of the plan, px.
+    fn size_px(&self) -> (f64, f64) {
+        let [left, _, bottom, top] = self.edges_m;
+        if self.turned { self.at(right, top) } else { self.at(right, bottom) }
     }
 }
 
@@ -46,31 +80,34 @@ pub fn birds_eye(rows: &[TrackRow], camera: &Camera, size: ImageSize) -> String 
     }
     let reach_m = reach_m(&tracks);
     let beyond = tracks.values().filter(|rows| rows.iter().all(|row| distance_m(row) > reach_m)).count();
-    let [left, right, bottom, top] = bounds_within(rows, reach_m);
-    let px_per_m = (WIDTH_PX / (right - left)).min(1.2 * WIDTH_PX / (top - bottom));
-    let sheet = Sheet { left_m: left, top_m: top, px_per_m };
-    let (width, height) = ((right - left) * px_per_m, (top - bottom) * px_per_m);
+    let sheet = Sheet::new(bounds_within(rows, reach_m));
+    let (width, height) = sheet.size_px();
+    let has_legend = tracks.values().any(|rows| activity_intervals(rows).next().is_some());
+    let columns = if has_legend { ((width / LEGEND_ENTRY_PX) as usize).clamp(1, SHOWN.len()) } else { 1 };
+    let lines = if has_legend { SHOWN.len().div_ceil(columns) } else { 0 };
+    let full_height = height + LEGEND_LINE_PX * lines as f64;
     let mut svg = format!(
-        "<svg class=\"birdseye\" viewBox=\"0 0 {width:.0} {height:.0}\" width=\"{width:.0}\" height=\"{height:.0}\" \
+        "<svg class=\"birdseye\" viewBox=\"0 0 {width:.0} {full_height:.0}\" width=\"{width:.0}\" height=\"{full_height:.0}\" \
          role=\"img\" aria-label=\"bird's-eye view\" font-family=\"sans-serif\">\n\
-         <rect width=\"100%\" height=\"100%\" fill=\"#22262b\"/>\n"
+         <rect width=\"100%\" height=\"100%\" fill=\"#22262b\"/>\n\
+         <svg width=\"{width:.0}\" height=\"{height:.0}\">\n"
     );
-    grid(&mut svg, &sheet, [left, right, bottom, top]);
-    field_of_view(&mut svg, &sheet, camera, size, top);
+    grid(&mut svg, &sheet);
+    field_of_view(&mut svg, &sheet, camera, size);
     for (track, rows) in &tracks {
         trajectory(&mut svg, &sheet, *track, rows);
     }
     for rows in tracks.values() {
         activities(&mut svg, &sheet, rows);
     }
-    if tracks.values().any(|rows| activity_intervals(rows).next().is_some()) {
-        legend(&mut svg);
-    }
+    let mut numbers = Numbers::default();
     for (track, rows) in &tracks {
         if let Some(last) = rows.last() {
             footprint(&mut svg, &sheet, *track, last);
+            numbers.add(&sheet, *track, last);
         }
     }
+    svg.push_str(&numbers.svg);
     if beyond > 0 {
         put(
             &mut svg,
@@ -80,6 +117,10 @@ pub fn birds_eye(rows: &[TrackRow], camera: &Camera, size: ImageSize) -> String 
                 width - 8.0
             ),
         );
+    }
+    svg.push_str("</svg>\n");
+    if has_legend {
+        legend(&mut svg, height, columns);
     }
     svg.push_str("</svg>\n");
     svg
@@ -124,41 +165,35 @@ fn put(svg: &mut String, text: std::fmt::Arguments<'_>) {
     let _infallible = svg.write_fmt(text);
 }
 
-fn grid(svg: &mut String, sheet: &Sheet, [left, right, bottom, top]: [f64; 4]) {
+fn grid(svg: &mut String, sheet: &Sheet) {
+    let [left, right, bottom, top] = sheet.edges_m;
     let roomy = |grid_m: &f64| grid_m * sheet.px_per_m >= GRID_ROOM_PX;
     let grid_m = GRIDS_M.into_iter().find(roomy).unwrap_or(GRIDS_M[GRIDS_M.len() - 1]);
-    let first = |from: f64| (from / grid_m).ceil() as i32;
-    let last = |to: f64| (to / grid_m).floor() as i32;
-    for i in first(left)..=last(right) {
-        let x_m = f64::from(i) * grid_m;
-        let ((x, y0), (_, y1)) = (sheet.at(x_m, top), sheet.at(x_m, bottom));
-        put(svg, format_args!("<path d=\"M{x:.1} {y0:.1}V{y1:.1}\" stroke=\"#3a4048\"/>\n"));
+    let inside = |from: f64, to: f64| {
+        let numbers = (from / grid_m).ceil() as i32..=(to / grid_m).floor() as i32;
+        numbers.map(|i| f64::from(i) * grid_m)
+    };
+    let across = inside(left, right).map(|x_m| (x_m, [(x_m, bottom), (x_m, top)]));
+    let along = inside(bottom, top).map(|y_m| (y_m, [(left, y_m), (right, y_m)]));
+    let height = sheet.size_px().1;
+    for (metres, ends) in across.chain(along) {
+        let [(x0, y0), (x1, y1)] = ends.map(|(x_m, y_m)| sheet.at(x_m, y_m));
+        // Numbers of upright lines are at the bottom of the plan, and those of level lines at its left edge.
+        let (x, y) = if (x0 - x1).abs() < 0.5 { (x0 + 3.0, height - 4.0) } else { (3.0, y0 - 3.0) };
         put(
             svg,
             format_args!(
-                "<text x=\"{:.1}\" y=\"{:.1}\" fill=\"#8a929c\" font-size=\"11\">{x_m:.0} m</text>\n",
-                x + 3.0,
-                y1 - 4.0
-            ),
-        );
-    }
-    for i in first(bottom)..=last(top) {
-        let y_m = f64::from(i) * grid_m;
-        let ((x0, y), (x1, _)) = (sheet.at(left, y_m), sheet.at(right, y_m));
-        put(svg, format_args!("<path d=\"M{x0:.1} {y:.1}H{x1:.1}\" stroke=\"#3a4048\"/>\n"));
-        put(
-            svg,
-            format_args!(
-                "<text x=\"3\" y=\"{:.1}\" fill=\"#8a929c\" font-size=\"11\">{y_m:.0} m</text>\n",
-                y - 3.0
+                "<path d=\"M{x0:.1} {y0:.1}L{x1:.1} {y1:.1}\" stroke=\"#3a4048\"/>\n\
+                 <text x=\"{x:.1}\" y=\"{y:.1}\" fill=\"#8a929c\" font-size=\"11\">{metres:.0} m</text>\n"
             ),
         );
     }
 }
 
-fn field_of_view(svg: &mut String, sheet: &Sheet, camera: &Camera, size: ImageSize, reach_m: f64) {
+fn field_of_view(svg: &mut String, sheet: &Sheet, camera: &Camera, size: ImageSize) {
     let (x, y) = sheet.at(0.0, 0.0);
     let half = f64::from(size.width) / 2.0 / camera.focal_px;
+    let reach_m = sheet.edges_m[3];
     for side in [-half, half] {
         let (to_x, to_y) = sheet.at(side * reach_m, reach_m);
         put(
@@ -212,15 +247,18 @@ fn activities(svg: &mut String, sheet: &Sheet, rows: &[&TrackRow]) {
     }
 }
 
-fn legend(svg: &mut String) {
-    for (line, activity) in SHOWN.iter().enumerate() {
-        let y = 18.0 + 16.0 * line as f64;
+/// Draws the colours of the activities below the plan, whose height is `below_px`.
+fn legend(svg: &mut String, below_px: f64, columns: usize) {
+    for (i, activity) in SHOWN.iter().enumerate() {
+        let x = 10.0 + LEGEND_ENTRY_PX * (i % columns) as f64;
+        let y = below_px + LEGEND_LINE_PX * ((i / columns) as f64 + 0.5);
         put(
             svg,
             format_args!(
-                "<path d=\"M40 {y:.0}h16\" stroke=\"{}\" stroke-width=\"5\"/><text x=\"62\" y=\"{:.0}\" fill=\"#c8ced4\" \
+                "<path d=\"M{x:.0} {y:.0}h16\" stroke=\"{}\" stroke-width=\"5\"/><text x=\"{:.0}\" y=\"{:.0}\" fill=\"#c8ced4\" \
                  font-size=\"12\">{}</text>\n",
                 hex(activity_colour(activity)),
+                x + 22.0,
                 y + 4.0,
                 words(activity)
             ),
@@ -253,28 +291,56 @@ fn footprint(svg: &mut String, sheet: &Sheet, track: u64, row: &TrackRow) {
     let body = [corner(l, w), corner(l, -w), corner(-l, -w), corner(-l, w)].join(" ");
     let bonnet = [corner(l, w * 0.8), corner(l * 1.0, -w * 0.8), corner(l * 0.45, 0.0)].join(" ");
     let (x, y) = sheet.at(row.x_m, row.y_m);
-    let (rx, ry) = (2.0 * row.x_sd_m * sheet.px_per_m, 2.0 * row.y_sd_m * sheet.px_per_m);
+    let [sd_right, sd_down] = if sheet.turned { [row.y_sd_m, row.x_sd_m] } else { [row.x_sd_m, row.y_sd_m] };
+    let (rx, ry) = (2.0 * sd_right * sheet.px_per_m, 2.0 * sd_down * sheet.px_per_m);
     put(
         svg,
         format_args!(
-            "<polygon points=\"{body}\" fill=\"{colour}\" fill-opacity=\"0.35\" stroke=\"{colour}\"/>\n"
+            "<polygon points=\"{body}\" fill=\"{colour}\" fill-opacity=\"0.35\" stroke=\"{colour}\"><title>track {track}</title>\
+             </polygon>\n"
         ),
     );
     put(svg, format_args!("<polygon points=\"{bonnet}\" fill=\"{colour}\"/>\n"));
     put(
         svg,
         format_args!(
-            "<ellipse cx=\"{x:.1}\" cy=\"{y:.1}\" rx=\"{rx:.1}\" ry=\"{ry:.1}\" fill=\"none\" stroke=\"#ffffff\" stroke-opacity=\"0.7\"/>\n"
+            "<ellipse cx=\"{x:.1}\" cy=\"{y:.1}\" rx=\"{rx:.1}\" ry=\"{ry:.1}\" fill=\"none\" stroke=\"#ffffff\" stroke-opacity=\"0.45\"/>\n"
         ),
     );
-    put(
-        svg,
-        format_args!(
-            "<text x=\"{:.1}\" y=\"{:.1}\" fill=\"#ffffff\" font-size=\"13\">{track}</text>\n",
-            x + 6.0,
-            y - 6.0
-        ),
-    );
+}
+
+/// The numbers of tracks in the drawing. A number is left out if it would cover another one.
+#[derive(Default)]
+struct Numbers {
+    svg: String,
+    /// Left, top, right and bottom edges of the numbers, px.
+    taken: Vec<[f64; 4]>,
+}
+
+impl Numbers {
+    /// Adds the number of a track beside its last position, at the first free one of four places.
+    fn add(&mut self, sheet: &Sheet, track: u64, row: &TrackRow) {
+        let (x, y) = sheet.at(row.x_m, row.y_m);
+        let text = track.to_string();
+        let wide = 0.62 * NUMBER_PX * text.len() as f64;
+        let (width, height) = sheet.size_px();
+        let places = [(6.0, -6.0), (6.0, 16.0), (-6.0 - wide, -6.0), (-6.0 - wide, 16.0)];
+        for (left, base) in places.map(|(right, down)| (x + right, y + down)) {
+            let [x0, y0, x1, y1] = [left, base - 0.8 * NUMBER_PX, left + wide, base];
+            let is_inside = x0 >= 0.0 && y0 >= 0.0 && x1 <= width && y1 <= height;
+            let is_free = self.taken.iter().all(|t| x1 < t[0] || x0 > t[2] || y1 < t[1] || y0 > t[3]);
+            if is_inside && is_free {
+                self.taken.push([x0, y0, x1, y1]);
+                put(
+                    &mut self.svg,
+                    format_args!(
+                        "<text x=\"{left:.1}\" y=\"{base:.1}\" fill=\"#ffffff\" font-size=\"{NUMBER_PX}\">{text}</text>\n"
+                    ),
+                );
+                return;
+            }
+        }
+    }
 }
 
 #[cfg(test)]
@@ -301,5 +367,32 @@ mod tests {
         assert!(birds_eye(&far, &Camera::centred(700.0, size), size).contains("not shown: 1 farther"));
         assert!(!draw().contains("not shown"));
         assert!(birds_eye(&[], &Camera::centred(700.0, size), size).ends_with("</svg>\n"));
+    }
+
+    #[test]
+    fn a_long_plan_is_turned_to_the_right_without_mirroring() {
+        let wide = Sheet::new([-30.0, 30.0, -3.0, 40.0]);
+        assert!(!wide.turned && wide.at(-30.0, 40.0) == (0.0, 0.0));
+        let motorway = Sheet::new([-10.0, 50.0, -3.0, 237.0]);
+        assert!(motorway.turned);
+        let (width, height) = motorway.size_px();
+        assert!((width - PLAN_PX[0]).abs() < 1e-9 && (height - 285.0).abs() < 1e-9, "{width} {height}");
+        let ((x, y), (ahead, level), (beside, lower)) =
+            (motorway.at(0.0, 20.0), motorway.at(0.0, 30.0), motorway.at(5.0, 20.0));
+        assert!(ahead > x && level == y, "ahead of the camera is to the right");
+        assert!(lower > y && beside == x, "right of the camera is below");
+        let lane = Sheet::new([-6.0, 6.0, -3.0, 397.0]).size_px();
+        assert!((lane.1 / lane.0 - LEAST_RATIO).abs() < 1e-9);
+    }
+
+    #[test]
+    fn numbers_that_would_cover_each_other_are_left_out() {
+        let rows: Vec<TrackRow> = (1..=9)
+            .map(|track| TrackRow { y_m: 20.0, ..roadplane_synth::stationary_row(track, 0, 0.0) })
+            .collect();
+        let size = ImageSize { width: 640, height: 480 };
+        let svg = birds_eye(&rows, &Camera::centred(700.0, size), size);
+        assert_eq!(svg.matches("font-size=\"13\"").count(), 4);
+        assert_eq!(svg.matches("<title>track").count(), 9);
     }
 }

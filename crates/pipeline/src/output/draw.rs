@@ -7,7 +7,9 @@ use std::path::Path;
 use image::RgbImage;
 use roadplane_base::{CameraEstimate, Homography, Shape, ShapeAtlas, TrackRow};
 use roadplane_decode::{DecodeOptions, refuse_address};
-use roadplane_view::{DrawnCar, GroundCells, Overlay, ReportInput, VideoSink, report_html, with_lines};
+use roadplane_view::{
+    DrawnCar, GroundCells, Overlay, PlainFrame, ReportInput, VideoSink, report_html, with_lines,
+};
 use roadplane_write::{OutFile, Summary, read_camera, read_jsonl, read_summary};
 
 use crate::cameras::camera_track::CameraTrack;
@@ -167,11 +169,22 @@ pub(crate) fn write_report(
     let small = stills.frames();
     let still_motion: Vec<Option<[f64; 8]>> =
         small.iter().map(|still| solution.views.at_ms(still.time_ms).map(Homography::numbers)).collect();
+    let is_estimated = !solution.cameras.estimates().is_empty();
+    let plain: Vec<PlainFrame<'_>> = samples
+        .iter()
+        .map(|&(frame, time_s, ref picture)| PlainFrame {
+            frame,
+            time_s,
+            segment: is_estimated.then(|| solution.cameras.segment_at(time_s)),
+            picture,
+        })
+        .collect();
     let page = report_html(&ReportInput {
         title,
         cameras: solution.cameras.estimates(),
         rows: &solution.rows,
         samples: &drawn,
+        frames: &plain,
         stills: &small,
         still_motion: &still_motion,
         views: &stills.views(&solution.rows),
@@ -184,6 +197,7 @@ pub(crate) fn write_report(
         camera_notes: &in_words(&summary.watch),
         losses: &losses,
         traffic,
+        place: solution.place.as_ref().map(|place| &place.fit),
     })?;
     let mut file = OutFile::create(path)?;
     file.write_bytes(page.as_bytes())?;

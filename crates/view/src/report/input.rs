@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use image::RgbImage;
 use roadplane_base::{CameraEstimate, CameraMove, TrackRow};
+use roadplane_geo::Fit;
 
 /// The data that a report shows.
 #[derive(Debug)]
@@ -16,6 +17,8 @@ pub struct ReportInput<'a> {
     pub rows: &'a [TrackRow],
     /// Frames with drawn overlays, sorted by frame. Each item is a frame's index and its picture.
     pub samples: &'a [(u64, RgbImage)],
+    /// Frames to draw gates, lengths and points on, sorted by frame. The list may be empty.
+    pub frames: &'a [PlainFrame<'a>],
     /// Small frames for the interactive player of the report, in the order of time. The list may be empty.
     pub stills: &'a [Still],
     /// Motion of the camera at each small frame: the first eight numbers of the matrix from pixels of the camera to pixels
@@ -42,6 +45,21 @@ pub struct ReportInput<'a> {
     pub losses: &'a [String],
     /// Sections on traffic, as HTML; empty if there are none.
     pub traffic: &'a str,
+    /// Position of the camera on the map; `None` if the run is not on the map.
+    pub place: Option<&'a Fit>,
+}
+
+/// A frame without drawings.
+#[derive(Clone, Copy, Debug)]
+pub struct PlainFrame<'a> {
+    /// Index of the frame, from 0.
+    pub frame: u64,
+    /// Presentation time, s.
+    pub time_s: f64,
+    /// Number of the camera's segment at this time; `None` if the camera was not estimated.
+    pub segment: Option<usize>,
+    /// The picture in full size.
+    pub picture: &'a RgbImage,
 }
 
 /// A small frame for the interactive player of the report.

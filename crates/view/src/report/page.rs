@@ -3,7 +3,7 @@
 use super::html::{escape, put};
 use super::input::ReportInput;
 use super::pictures::figure;
-use super::{camera, doubts, player, tracks};
+use super::{camera, doubts, drawing, place, player, tracks};
 use crate::ViewError;
 use crate::birds_eye::birds_eye;
 use crate::histogram::histogram;
@@ -19,21 +19,32 @@ pub(crate) const STYLE: &str = include_str!("page.css");
 pub fn report_html(input: &ReportInput<'_>) -> Result<String, ViewError> {
     let mut page = format!(
         "<!doctype html>\n<html lang=\"en\"><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width, initial-scale=1\">\n\
-         <title>{0} · roadplane</title>\n<style>\n{STYLE}</style>\n<main>\n<h1>{0}</h1>\n",
-        escape(input.title)
+         <title>{0} · roadplane</title>\n<style>\n{STYLE}{1}</style>\n<main>\n<h1>{0}</h1>\n",
+        escape(input.title),
+        drawing::STYLE
     );
     for warning in input.warnings {
         put(&mut page, format_args!("<p class=\"warning\">{}</p>\n", escape(warning)));
     }
     page.push_str(&player::player(input)?);
+    page.push_str(&drawing::drawing(input)?);
     camera::cameras(&mut page, input.cameras);
     camera::moves(&mut page, input.moves);
     sentences(&mut page, input.camera_notes);
+    if let Some(fit) = input.place {
+        place::place(&mut page, fit);
+    }
     if let Some(estimate) = input.cameras.first() {
         let camera = estimate.camera();
         page.push_str("<h2>From above</h2>\n");
-        page.push_str(&birds_eye(input.rows, &camera, estimate.image_size_px));
-        page.push_str("<p class=\"hint\">Vehicles at their last position, to scale. White ellipses show 2 standard deviations.</p>\n");
+        put(
+            &mut page,
+            format_args!(
+                "<div class=\"scroll\">{}</div>\n<p class=\"hint\">Vehicles at their last position, to scale. White \
+                 ellipses show 2 standard deviations.</p>\n",
+                birds_eye(input.rows, &camera, estimate.image_size_px)
+            ),
+        );
         let mut lines = input.losses.to_vec();
         lines.extend(doubts::doubts(input.rows, estimate.image_size_px));
         if !lines.is_empty() {
@@ -133,6 +144,7 @@ mod tests {
             cameras: &[],
             rows: &[],
             samples: &[],
+            frames: &[],
             stills: &[],
             still_motion: &[],
             views: &[],
@@ -145,6 +157,7 @@ mod tests {
             camera_notes: &[],
             losses: &[],
             traffic: "",
+            place: None,
         }
     }
 

@@ -31,12 +31,17 @@ pub(super) fn figure(
 
 /// Returns a picture as a data URI with a JPEG file. A picture wider than [`MAX_WIDTH`] is reduced to that width.
 pub(super) fn data_uri(picture: &RgbImage) -> Result<String, ViewError> {
+    data_uri_up_to(picture, MAX_WIDTH)
+}
+
+/// Returns a picture as a data URI with a JPEG file. A picture wider than `max_width_px` is reduced to that width.
+pub(super) fn data_uri_up_to(picture: &RgbImage, max_width_px: u32) -> Result<String, ViewError> {
     let mut jpeg = Vec::new();
     let encoder = JpegEncoder::new_with_quality(&mut jpeg, QUALITY);
-    if picture.width() > MAX_WIDTH {
-        let height = u64::from(picture.height()) * u64::from(MAX_WIDTH) / u64::from(picture.width());
+    if picture.width() > max_width_px {
+        let height = u64::from(picture.height()) * u64::from(max_width_px) / u64::from(picture.width());
         let filter = image::imageops::FilterType::Triangle;
-        image::imageops::resize(picture, MAX_WIDTH, height.max(1) as u32, filter)
+        image::imageops::resize(picture, max_width_px, height.max(1) as u32, filter)
             .write_with_encoder(encoder)?;
     } else {
         picture.write_with_encoder(encoder)?;

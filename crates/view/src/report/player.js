@@ -274,7 +274,7 @@
   }));
   $("player-colour").onchange = (event) => { state.by = event.target.value; legend(); render(); };
   document.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT") return;
+    if (event.ctrlKey || event.metaKey || event.altKey || event.target.tagName === "SELECT" || event.target.closest?.("#draw")) return;
     const actions = {
       " ": () => play(!state.playing), Escape: () => select(null), n: () => neighbour(1), p: () => neighbour(-1),
       ArrowLeft: () => (event.shiftKey ? seek(state.time - 5) : step(-1)),
