@@ -14,9 +14,9 @@ pub enum ConflictKind {
     Following,
     /// The headings differ by 30° or more at the entry, and by less than 30° where the paths part or end.
     Merging,
-    /// The headings differ by 30° to 150°.
+    /// The headings differ by 30° or more at the entry and where the paths part, and by less than 150° at one of them.
     Crossing,
-    /// The headings differ by 150° or more.
+    /// The headings differ by 150° or more at the entry and where the paths part.
     Oncoming,
 }
 
@@ -28,7 +28,7 @@ pub enum Projection {
     /// SSAM projects in this manner; SUMO projects along lanes. A driver who swerves hides a conflict.
     #[default]
     Path,
-    /// Straight on along its heading, at its present speed. In bends this expects contacts that nobody has to avoid.
+    /// Straight on along its heading, at its present speed. On curved roads this expects contacts that nobody has to avoid.
     Straight,
 }
 

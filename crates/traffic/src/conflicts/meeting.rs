@@ -65,7 +65,8 @@ pub(super) fn kind(entry_rad: f64, exit_rad: f64) -> ConflictKind {
         ConflictKind::Following
     } else if exit_rad < FOLLOWING_RAD {
         ConflictKind::Merging
-    } else if entry_rad < ONCOMING_RAD {
+    } else if entry_rad.min(exit_rad) < ONCOMING_RAD {
+        // A vehicle that turns across the oncoming lane may enter it at a small angle.
         ConflictKind::Crossing
     } else {
         ConflictKind::Oncoming
@@ -98,7 +99,7 @@ pub(super) fn meeting(a: &Path<'_>, b: &Path<'_>, longest_pet_s: f64) -> (bool, 
                 let kind = ConflictKind::Following;
                 return (true, Some(Meeting { swapped, kind, angle_rad: entry_rad, encroachment: None }));
             }
-            let run = runs.to_end(start);
+            let run = runs.whole(start);
             if !enters_second(first, second, &run) {
                 continue;
             }
@@ -263,7 +264,7 @@ impl Runs<'_> {
     }
 
     /// Returns a run with all its segments.
-    fn to_end(&mut self, mut run: Run) -> Run {
+    fn whole(&mut self, mut run: Run) -> Run {
         while self.segment < self.segments() {
             self.segment += 1;
             let Some((_, leave, others)) = self.touched(self.segment - 1) else { break };

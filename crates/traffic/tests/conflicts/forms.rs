@@ -25,8 +25,8 @@ fn crossing_at_right_angles_without_expected_contact() {
 
 #[test]
 fn crossing_at_right_angles_on_a_collision_course() {
-    // Car 2 is d = 20 m from the strip at 0 s and goes 10 m/s; car 1 is 19 m from the strip and leaves it after
-    // t = (19 + 1.8 + 4.5)/10 s. Car 2 brakes at 1 s, so that it lets car 1 pass.
+    // Car 2 is 20 m from the strip at 0 s and goes 10 m/s. It brakes at 1 s, so that it lets car 1 pass.
+    // Car 1 is 19 m from the strip and leaves it after t = (19 + 1.8 + 4.5)/10 s.
     let first = car(1, [0.0, 10.0], &uniform([-19.0 - 3.15, 0.0], 0.0, 10.0));
     let second = car(2, [0.0, 10.0], &|time_s| {
         let braking_s = (time_s - 1.0).clamp(0.0, 10.0 / 6.0);
@@ -177,7 +177,7 @@ fn oncoming_vehicles_cannot_avoid_a_contact_alone() {
 }
 
 #[test]
-fn a_bend_hides_no_oncoming_lane_from_the_path_but_from_the_straight_projection() {
+fn on_a_curve_only_the_straight_projection_expects_a_contact_with_the_oncoming_lane() {
     // Two lanes with radii of 30 and 34 m, in opposite directions.
     let arc = |radius_m: f64, phase_m: f64, sense: f64| {
         move |time_s: f64| {
