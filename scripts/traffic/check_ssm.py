@@ -1,4 +1,4 @@
-"""Compares our conflicts with those of SUMO's SSM device, on the same simulated tracks. `scripts/traffic/check` runs it.
+"""Compares our conflicts with those of SUMO's SSM device on the same tracks. `scripts/traffic/check` runs it.
 
     check_ssm.py PROGRAM      e.g. target/release/examples/conflicts
 
@@ -7,9 +7,12 @@
 2. `following`: reckless drivers in one lane. The events must agree.
 3. `junction`: a junction with right of way and turns. Straight vehicles' PET and followers' TTC must agree. The rest is
    printed, because there the definitions differ:
-   - SUMO measures turning vehicles along lanes, with a conflict area of width × width at any angle. Ours are footprints.
+   - SUMO measures turning vehicles along lanes. Its conflict area has the vehicles' widths at any angle. Ours are
+     footprints. Vehicles whose corners touch have a PET of 0 or less.
    - SUMO lets a vehicle that brakes go on braking until the crossing. Ours keeps its speed (Hayward).
-   - SUMO's merging conflict begins at the begin of the common lane. Ours begins where the footprints touch.
+   - SUMO's merging conflict is at the begin of the common lane. Ours is where the footprints touch.
+   - SUMO has no conflict between vehicles that leave one lane in different directions. A vehicle that waits to turn
+     blocks those behind it.
 """
 
 from __future__ import annotations

@@ -15,8 +15,8 @@
 //!     - In a lane it is (v₂ − v₁)² / (2 gap).
 //!     - At a crossing it is 2 (v₂ − d/t)/t. Here d is the vehicle's distance to the conflict area, and t is the time
 //!       until the other one leaves it. If the vehicle has to stop before (d < v₂ t/2), it is v₂²/(2 d).
-//! - *Kinds*: by two angles between the headings, where the second vehicle enters the first one's path and where it leaves
-//!   it. The limit of 30° is that of SSAM (Gettman and others 2008, FHWA-HRT-08-051).
+//! - *Kinds*: by angles between the headings, where the vehicles enter each other's path and where the second one leaves
+//!   the first one's. The limit of 30° is that of SSAM (Gettman and others 2008, FHWA-HRT-08-051).
 //!
 //! # Errors
 //! A vehicle's own errors of position and speed count as constant during the encounter. The headings and sizes count as

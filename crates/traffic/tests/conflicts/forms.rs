@@ -159,6 +159,20 @@ fn merging_vehicles() {
 }
 
 #[test]
+fn a_vehicle_behind_one_that_turned_into_its_lane() {
+    let turned = |time_s: f64| {
+        let angle = (time_s * 0.5).min(FRAC_PI_2);
+        let on_m = 5.0 * (time_s - PI).max(0.0);
+        ([-10.0 * angle.cos() + on_m, -10.0 + 10.0 * angle.sin()], FRAC_PI_2 - angle, 5.0)
+    };
+    let behind = car(2, [0.0, 8.0], &uniform([-45.0, 0.0], 0.0, 7.0));
+    let found = only(vec![car(1, [0.0, 8.0], &turned), behind]);
+    assert_eq!((found.first, found.second, found.kind), (1, 2, ConflictKind::Merging));
+    assert!(found.pet_s.is_some_and(|pet| (1.0..5.0).contains(&pet)), "{found:?}");
+    assert!(found.min_ttc_s.is_some(), "car 2 catches up with car 1");
+}
+
+#[test]
 fn vehicles_that_meet_in_their_own_lanes_have_no_conflict() {
     let east = car(1, [0.0, 10.0], &uniform([-50.0, 0.0], 0.0, 10.0));
     let west = car(2, [0.0, 10.0], &uniform([50.0, 3.5], PI, 10.0));
