@@ -3,27 +3,29 @@
 //! Vehicles are rectangles of their length and width (footprints), not points.
 //!
 //! # Definitions
-//! - *Post-encroachment time* (PET): the time from the moment the first vehicle leaves the conflict area to the moment
-//!   the second one enters it (Allen, Shin and Cooper 1978). The area is the part of the ground that both footprints
-//!   cover at any time. Where paths merge, the area is the footprint with which the second vehicle enters. Vehicles that
-//!   follow each other have no PET, because their areas do not end; they have headways.
+//! - *Post-encroachment time* (PET): the time from the exit of the first vehicle from the conflict area to the entry of the
+//!   second one (Allen, Shin and Cooper 1978). The conflict area is the intersection of the areas that the two vehicles
+//!   cover on their paths. Where paths merge or lead against each other, it is the footprint with which the second vehicle
+//!   enters. Vehicles that follow each other have no PET, because their area does not end. They have headways.
 //! - *Time to collision* (TTC): the time until the footprints touch if both vehicles keep their speeds (Hayward 1972).
 //!   They go along their paths ([`Projection`]). In a lane it is gap / (v₂ − v₁).
 //! - *Deceleration rate to avoid a crash* (DRAC): the smallest constant deceleration of one vehicle with which the
-//!   footprints never touch. The other vehicle keeps its speed (Cooper and Ferguson 1976; Almqvist, Hydén and Risser
-//!   1991). In a lane it is (v₂ − v₁)² / (2 gap). At a crossing it is 2 (v₂ − d/t)/t. Here d is the second vehicle's
-//!   distance to the conflict area, and t is the time until the first one leaves it. If the second vehicle has to stop
-//!   before (d < v₂ t/2), it is v₂²/(2 d).
-//! - *Kinds*: by the angle between the headings where the second vehicle enters the first one's path, and where it leaves
-//!   it. The limit of 30° is that of SSAM (Gettman and others 2008, FHWA-HRT-08-051).
+//!   footprints never touch (Cooper and Ferguson 1976; Almqvist, Hydén and Risser 1991). The other vehicle keeps its
+//!   speed. The smaller value of the two vehicles counts.
+//!     - In a lane it is (v₂ − v₁)² / (2 gap).
+//!     - At a crossing it is 2 (v₂ − d/t)/t. Here d is the vehicle's distance to the conflict area, and t is the time
+//!       until the other one leaves it. If the vehicle has to stop before (d < v₂ t/2), it is v₂²/(2 d).
+//! - *Kinds*: by angles between the headings, where the vehicles enter each other's path and where the second one leaves
+//!   the first one's. The limit of 30° is that of SSAM (Gettman and others 2008, FHWA-HRT-08-051).
 //!
 //! # Errors
-//! A vehicle's own errors of position and speed count as constant during the encounter. Sds are first-order, by implicit
-//! differentiation of the contact. A shift δ of a path changes a contact along the unit vector n by δ·n. It changes the
-//! time of the contact by δ·n divided by the closing speed along n. For TTC the variance is (σ_p² + τ² σ_v²) / (n·Δv)².
-//! The probability below a limit uses τ at the limit, so that it is exact for vehicles in a lane. The variance of the
-//! DRAC sums the squares of central differences. The shared scale multiplies distances and speeds alike, so it cancels in
-//! PET and TTC. The DRAC is proportional to it. The headings and sizes count as exact.
+//! A vehicle's own errors of position and speed count as constant during the encounter. The headings and sizes count as
+//! exact. Sds are first-order, by implicit differentiation of the contact. A shift δ of a path changes a contact along the
+//! unit vector n by δ·n. It changes the time of the contact by δ·n divided by the closing speed along n.
+//!
+//! The variance of a TTC of τ is (σ_p² + τ² σ_v²) / (n·Δv)². The probability below a limit uses τ at the limit, so it is
+//! exact for vehicles in a lane. The variance of the DRAC sums the squares of central differences. The shared scale
+//! multiplies distances and speeds alike, so it cancels in PET and TTC. The DRAC is proportional to it.
 
 mod conflict;
 mod footprint;

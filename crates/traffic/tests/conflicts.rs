@@ -1,5 +1,7 @@
 //! Conflicts against closed forms, symmetries, and simulated errors.
 
+#![allow(clippy::unwrap_used, clippy::expect_used, reason = "a test that cannot go on has failed")]
+
 #[path = "conflicts/errors.rs"]
 mod errors;
 #[path = "conflicts/forms.rs"]

@@ -9,14 +9,14 @@ use crate::normal;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
 #[serde(rename_all = "snake_case")]
 pub enum ConflictKind {
-    /// The headings differ by less than 30° where the second vehicle enters the first one's path.
+    /// The headings differ by less than 30° where each vehicle enters the other one's path.
     #[default]
     Following,
-    /// The headings differ by 30° or more at the entry, and by less than 30° where the paths part or end.
+    /// The headings differ by 30° or more at an entry, and by less than 30° where the paths part or end.
     Merging,
-    /// The headings differ by 30° to 150°.
+    /// The headings differ by 30° or more at an entry and where the paths part, and by less than 150° at one of them.
     Crossing,
-    /// The headings differ by 150° or more.
+    /// The headings differ by 150° or more at the entry and where the paths part.
     Oncoming,
 }
 
@@ -28,7 +28,7 @@ pub enum Projection {
     /// SSAM projects in this manner; SUMO projects along lanes. A driver who swerves hides a conflict.
     #[default]
     Path,
-    /// Straight on along its heading, at its present speed. In curves this expects contacts that nobody has to avoid.
+    /// Straight on along its heading, at its present speed. On curved roads this expects contacts that nobody has to avoid.
     Straight,
 }
 

@@ -58,14 +58,15 @@ struct Run {
     segments: [usize; 2],
 }
 
-/// Returns the kind of a conflict from the angles between the headings (rad) where the second vehicle enters the first
-/// one's path, and where it leaves it.
+/// Returns the kind of a conflict from the angles between the headings (rad) where a vehicle enters the other one's path,
+/// and where the second one leaves it.
 pub(super) fn kind(entry_rad: f64, exit_rad: f64) -> ConflictKind {
     if entry_rad < FOLLOWING_RAD {
         ConflictKind::Following
     } else if exit_rad < FOLLOWING_RAD {
         ConflictKind::Merging
-    } else if entry_rad < ONCOMING_RAD {
+    } else if entry_rad.min(exit_rad) < ONCOMING_RAD {
+        // A vehicle that turns across the oncoming lane may enter it at a small angle.
         ConflictKind::Crossing
     } else {
         ConflictKind::Oncoming
@@ -86,7 +87,7 @@ pub(super) fn meeting(a: &Path<'_>, b: &Path<'_>, longest_pet_s: f64) -> (bool, 
             if !observed {
                 break;
             }
-            let entry_rad = angle_between(first, second, &start.enter);
+            let mut entry_rad = angle_between(first, second, &start.enter);
             let comes_second = second.first_s(start.enter.travelled_m)
                 >= first.first_s(first.nodes[start.enter.node].travelled_m);
             if entry_rad < FOLLOWING_RAD {
@@ -94,11 +95,17 @@ pub(super) fn meeting(a: &Path<'_>, b: &Path<'_>, longest_pet_s: f64) -> (bool, 
                     // The other order of the two finds this meeting.
                     break;
                 }
+                // A vehicle that turned into the lane ahead of another one entered that one's path at a larger angle.
+                let turned = Runs { first: second, second: first, segment: 0 }.enter();
+                entry_rad =
+                    turned.map_or(entry_rad, |t| angle_between(second, first, &t.enter).max(entry_rad));
+            }
+            if entry_rad < FOLLOWING_RAD {
                 // Vehicles in the same lane meet all along it. There is no place that one leaves and the other enters.
                 let kind = ConflictKind::Following;
                 return (true, Some(Meeting { swapped, kind, angle_rad: entry_rad, encroachment: None }));
             }
-            let run = runs.run_to_end(start);
+            let run = runs.whole(start);
             if !enters_second(first, second, &run) {
                 continue;
             }
@@ -263,7 +270,7 @@ impl Runs<'_> {
     }
 
     /// Returns a run with all its segments.
-    fn run_to_end(&mut self, mut run: Run) -> Run {
+    fn whole(&mut self, mut run: Run) -> Run {
         while self.segment < self.segments() {
             self.segment += 1;
             let Some((_, leave, others)) = self.touched(self.segment - 1) else { break };

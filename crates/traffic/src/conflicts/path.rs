@@ -23,7 +23,7 @@ pub(super) struct Node {
     pub forward: Vector2<f64>,
 }
 
-/// A rectangle along the axes.
+/// A rectangle along the axes of the world.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Bounds {
     low: Vector2<f64>,

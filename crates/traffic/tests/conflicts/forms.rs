@@ -25,8 +25,8 @@ fn crossing_at_right_angles_without_expected_contact() {
 
 #[test]
 fn crossing_at_right_angles_on_a_collision_course() {
-    // Car 2 is d = 20 m from the strip at 0 s and goes 10 m/s. Car 1 is 19 m from the strip and leaves it after
-    // t = (19 + 1.8 + 4.5)/10 s. Car 2 brakes at 1 s, so that it lets car 1 pass.
+    // Car 2 is 20 m from the strip at 0 s and goes 10 m/s. It brakes at 1 s, so that it lets car 1 pass.
+    // Car 1 is 19 m from the strip and leaves it after t = (19 + 1.8 + 4.5)/10 s.
     let first = car(1, [0.0, 10.0], &uniform([-19.0 - 3.15, 0.0], 0.0, 10.0));
     let second = car(2, [0.0, 10.0], &|time_s| {
         let braking_s = (time_s - 1.0).clamp(0.0, 10.0 / 6.0);
@@ -159,6 +159,20 @@ fn merging_vehicles() {
 }
 
 #[test]
+fn a_vehicle_behind_one_that_turned_into_its_lane() {
+    let turned = |time_s: f64| {
+        let angle = (time_s * 0.5).min(FRAC_PI_2);
+        let on_m = 5.0 * (time_s - PI).max(0.0);
+        ([-10.0 * angle.cos() + on_m, -10.0 + 10.0 * angle.sin()], FRAC_PI_2 - angle, 5.0)
+    };
+    let behind = car(2, [0.0, 8.0], &uniform([-45.0, 0.0], 0.0, 7.0));
+    let found = only(vec![car(1, [0.0, 8.0], &turned), behind]);
+    assert_eq!((found.first, found.second, found.kind), (1, 2, ConflictKind::Merging));
+    assert!(found.pet_s.is_some_and(|pet| (1.0..5.0).contains(&pet)), "{found:?}");
+    assert!(found.min_ttc_s.is_some(), "car 2 catches up with car 1");
+}
+
+#[test]
 fn vehicles_that_meet_in_their_own_lanes_have_no_conflict() {
     let east = car(1, [0.0, 10.0], &uniform([-50.0, 0.0], 0.0, 10.0));
     let west = car(2, [0.0, 10.0], &uniform([50.0, 3.5], PI, 10.0));
@@ -177,7 +191,7 @@ fn oncoming_vehicles_cannot_avoid_a_contact_alone() {
 }
 
 #[test]
-fn a_curve_hides_no_oncoming_lane_from_the_path_but_from_the_straight_projection() {
+fn on_a_curve_only_the_straight_projection_expects_a_contact_with_the_oncoming_lane() {
     // Two lanes with radii of 30 and 34 m, in opposite directions.
     let arc = |radius_m: f64, phase_m: f64, sense: f64| {
         move |time_s: f64| {
