@@ -6,10 +6,11 @@
 It makes streets of each seed (`streets.py`) and variants of them (`variants.py`), and runs the example `scene` of the
 crate `traffic`. The table has one line per variant:
 
-- flows: true flows with three or more vehicles that were seen on their whole path; found, missed, invented.
-- lanes: true lanes with three or more such vehicles; found, missed, invented.
-- middle: error of the lanes' middles, m, as median and 95 % over their points; rms of the normalised error.
-- stops: places where the first vehicles of three or more queues stop; found, missed, invented; errors, m.
+- flows: true flows with three or more vehicles that were seen on their whole path; found, missed, invented
+- lanes: true lanes with three or more such vehicles; found, missed, invented
+- middle: median and 95 % of the error of the lanes' middles, m, over their points; rms of the normalised error
+- stops: places where the first vehicles of three or more queues stop; found, missed, invented
+- error: median and largest error of these places, m
 """
 
 from __future__ import annotations
@@ -150,7 +151,7 @@ def lanes(movements: list[Movement], complete: list, found: dict, tally: Tally, 
                     best, errors = (i, k), away
         if errors is None or np.median(errors) > NEAR_M:
             tally.lanes[3] += 1
-            log(f"{name}: invented lane {points[[0, -1]].round().tolist()} with {len(lane['stays'])}, arms {lane['from']}-{lane['to']}")
+            log(f"{name}: invented lane {points[[0, -1]].round().tolist()} with {len(lane['stays'])} stays")
             continue
         tally.middles += errors.tolist()
         tally.normalised += (errors / lane["middle_sd_m"]).tolist()
@@ -213,7 +214,9 @@ def cases(arguments: argparse.Namespace) -> list[tuple[str, str, Street, Street]
     for seed in arguments.seeds:
         rng = np.random.default_rng([seed, 5])
         base = [("rendered", f"{seed}.{n}", _kept(arguments, seed, n, 60.0, 4)) for n in range(arguments.rendered)]
-        base += [("rendered, 5 min", f"{seed}.{n}", _kept(arguments, seed, n + 100, 300.0, 2 * (n + 1))) for n in range(arguments.long)]
+        base += [
+            ("rendered, 5 min", f"{seed}.{n}", _kept(arguments, seed, n + 100, 300.0, 2 * (n + 1))) for n in range(arguments.long)
+        ]
         base += [("turning", f"{seed}.{n}", turning(1000 * seed + n)) for n in range(arguments.turning)]
         for kind, name, street in base:
             result.append((kind + ", exact", name, street, street))

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Draws a found scene from above and, with a camera, in the picture.
 
-    scripts/traffic/draw_scene.py TRACKS.csv SCENE.json --out PICTURE.png [--camera camera.json --background background.png]
+    scripts/traffic/draw_scene.py TRACKS.csv SCENE.json --out OUT.png [--camera CAMERA.json --background PICTURE.png]
 
 `SCENE.json` is a line of the example `scene` of the crate `traffic`. Paths are grey, gates red, lanes coloured with a
 circle at their start, stop lines white.

@@ -53,9 +53,11 @@ class Street:
 
 
 def rendered(seed: int, number: int, seconds: float, lanes: int = 4) -> Street:
-    """Returns a street of the renderer. Only vehicles in the picture, large enough and not hidden by others, are seen."""
+    """Returns a street of the renderer. Only large vehicles in the picture that no others hide are seen."""
     rng = np.random.default_rng([seed, 3, number])
-    meshes = {k: [sample_car(rng, split="eval") if k == "car" else sample_heavy(rng, k) for _ in range(n)] for k, n in MODELS.items()}
+    meshes = {
+        k: [sample_car(rng, split="eval") if k == "car" else sample_heavy(rng, k) for _ in range(n)] for k, n in MODELS.items()
+    }
     bases = {id(m): wheelbase(m) if k == "car" else 0.55 * float(m.dims[0]) for k, many in meshes.items() for m in many}
     while True:
         camera = sample_camera(rng, (1280, 720))
@@ -72,8 +74,8 @@ def rendered(seed: int, number: int, seconds: float, lanes: int = 4) -> Street:
         ahead = np.array([np.cos(line.heading_rad), np.sin(line.heading_rad)])
         left = np.array([-ahead[1], ahead[0]])
         offsets = junction._lanes(line)
-        paths = [line.origin + left * l + np.outer(np.arange(-115.0, 131.0, 1.0), ahead) for l in offsets]
-        movements.append(Movement(paths, [line.origin + left * l + ahead * (line.stop_s - GAP_M) for l in offsets]))
+        paths = [line.origin + left * offset + np.outer(np.arange(-115.0, 131.0, 1.0), ahead) for offset in offsets]
+        movements.append(Movement(paths, [line.origin + left * offset + ahead * (line.stop_s - GAP_M) for offset in offsets]))
     seen: dict[int, list[list[float]]] = {}
     for time_s in np.arange(0, seconds, 1 / RATE_HZ):
         there = [(i, m) for i, v in enumerate(vehicles) if (m := v.at(time_s)) is not None]
@@ -105,7 +107,7 @@ def _boxes(camera: Camera, placed: list[tuple[np.ndarray, np.ndarray]]) -> tuple
 
 
 def _visible(boxes: np.ndarray, depths: np.ndarray, size: tuple[int, int]) -> list[int]:
-    """Returns the vehicles that are large enough, and of which enough is in the picture and not behind others' boxes."""
+    """Returns the large vehicles of which enough is in the picture and not behind the boxes of others."""
     found, share = [], (np.arange(8) + 0.5) / 8
     large = (depths > 3) & ((boxes[:, 2:] - boxes[:, :2]).max(1) >= LEAST_PX)
     for k in np.nonzero(large)[0]:
@@ -120,7 +122,7 @@ def _visible(boxes: np.ndarray, depths: np.ndarray, size: tuple[int, int]) -> li
 
 
 def turning(seed: int, seconds: float = 300.0) -> Street:
-    """Returns a junction with three or four arms and turning vehicles, or (each fourth seed) a curved road of six lanes."""
+    """Returns a junction of three or four arms with turning vehicles. Each fourth seed is a curve with six lanes."""
     rng = np.random.default_rng([seed, 17])
     width, centre = rng.uniform(3.1, 3.6), np.array([rng.uniform(-8, 8), rng.uniform(35, 55)])
     movements: list[Movement] = []

@@ -15,7 +15,7 @@ const LINK_ALONG_M: f64 = 30.0;
 pub(super) const FEWEST: usize = 3;
 
 /// Returns groups of events, by the density-based method DBSCAN (Ester, Kriegel, Sander and Xu 1996). An event with
-/// `FEWEST` events within reach, itself included, joins all of them to its group. Events in no group are left out.
+/// `FEWEST` events within reach joins all of them to its group. It counts itself. Events in no group are left out.
 pub(super) fn groups(paths: &[Path], events: &[Event]) -> Vec<Vec<Event>> {
     let near = |a: usize| (0..events.len()).filter(move |&b| linked(paths, &events[a], &events[b]));
     let mut group_of: Vec<Option<usize>> = vec![None; events.len()];

@@ -14,8 +14,13 @@ const LEAST_APART_M: f64 = 2.5;
 const WANDER_M: [f64; 2] = [0.15, 0.8];
 /// Sd of a lane's middle in one window around its mean, m.
 const LOCAL_SD_M: f64 = 0.3;
+/// Sd of a lane's middle in a window with almost no vehicles, m.
+const MOST_SD_M: f64 = 1.0;
 /// Probability that a vehicle leaves its lane within a window.
 const LEAVES_P: f64 = 0.05;
+/// Number of windows before and after a change of lanes in which a vehicle is not in the middle of its lane: 18 m. A
+/// change takes 20 to 50 m.
+const SETTLED: usize = 3;
 const MOST_LANES: usize = 8;
 const ITERATIONS: usize = 20;
 
@@ -175,19 +180,33 @@ impl Lanes {
     }
 
     /// Returns the offset of a lane in each window and its sd, m, and the number of vehicles in it there.
+    ///
+    /// A vehicle that is about to change lanes does not count. The sd is the larger of two: that of the model, and that
+    /// from the scatter of the vehicles (White 1980).
     pub(super) fn offsets(&self, lane: usize, vehicles: &[Vec<Sample>]) -> Vec<(f64, f64, f64)> {
-        let prior = LOCAL_SD_M.powi(-2);
-        let mut sums: Vec<[f64; 3]> =
-            self.shifts_m.iter().map(|shift| [(self.means_m[lane] + shift) * prior, prior, 0.0]).collect();
+        let mut entries: Vec<Vec<(f64, f64)>> = vec![Vec::new(); self.shifts_m.len()]; // weight, offset
+        let mut counts = vec![0.0; self.shifts_m.len()];
         for samples in vehicles {
             let (posterior, _) = self.posterior(samples);
-            for (sample, p) in samples.iter().zip(&posterior) {
-                let weight = p[lane] / (self.wander_m.powi(2) + sample.variance);
-                let sum = &mut sums[sample.window];
-                *sum = [sum[0] + weight * sample.left_m, sum[1] + weight, sum[2] + p[lane]];
+            for (i, sample) in samples.iter().enumerate() {
+                let near = &posterior[i.saturating_sub(SETTLED)..(i + SETTLED + 1).min(samples.len())];
+                let p = near.iter().map(|p| p[lane]).fold(1.0, f64::min);
+                entries[sample.window].push((p / (self.wander_m.powi(2) + sample.variance), sample.left_m));
+                counts[sample.window] += posterior[i][lane];
             }
         }
-        sums.iter().map(|sum| (sum[0] / sum[1], sum[1].sqrt().recip(), sum[2])).collect()
+        let prior = LOCAL_SD_M.powi(-2);
+        let offset = |(window, entries): (usize, &Vec<(f64, f64)>)| {
+            let expected = self.means_m[lane] + self.shifts_m[window];
+            let sum = |of: &dyn Fn(&(f64, f64)) -> f64| entries.iter().map(of).sum::<f64>();
+            let (total, squares) = (sum(&|e| e.0), sum(&|e| e.0.powi(2)));
+            let mean = (sum(&|e| e.0 * e.1) + prior * expected) / (total + prior);
+            // The prior is left out of the sd, because it is estimated from the same vehicles.
+            let freedom = (1.0 - squares / total.powi(2)).max(0.1);
+            let scatter = (sum(&|e| (e.0 * (e.1 - mean)).powi(2)) / freedom).sqrt() / total;
+            (mean, scatter.max(total.sqrt().recip()).min(MOST_SD_M), counts[window])
+        };
+        entries.iter().enumerate().map(offset).collect()
     }
 }
 
@@ -216,11 +235,14 @@ fn spread_means(sorted: &[f64], groups: usize) -> Option<Vec<f64>> {
         let mut next = vec![f64::INFINITY; n + 1];
         let mut start = vec![0; n + 1];
         for to in group + 1..=n {
-            for (from, before) in cost.iter().enumerate().take(to).skip(group) {
-                let sum = before + squares(from, to);
-                if sum < next[to] {
-                    (next[to], start[to]) = (sum, from);
-                }
+            let sums = cost
+                .iter()
+                .enumerate()
+                .take(to)
+                .skip(group)
+                .map(|(from, cost)| (cost + squares(from, to), from));
+            if let Some(best) = sums.min_by(|a, b| a.0.total_cmp(&b.0)) {
+                (next[to], start[to]) = best;
             }
         }
         cost = next;

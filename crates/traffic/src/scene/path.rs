@@ -50,8 +50,7 @@ impl Path {
     pub(super) fn new(clips: &[&Clip], clip: usize, vehicle: usize) -> Option<Self> {
         let source = clips[clip];
         let Vehicle { states, width_m, .. } = &source.vehicles[vehicle];
-        let finite =
-            |state: &&State| state.x_m.is_finite() && state.y_m.is_finite() && state.time_s.is_finite();
+        let finite = |state: &&State| is_finite(state);
         let mut kept: Vec<State> = Vec::new();
         for state in states.iter().filter(finite) {
             if kept.last().is_none_or(|last| (state.position() - last.position()).norm() >= STEP_M) {
@@ -61,10 +60,10 @@ impl Path {
         let (first, last) = (kept.first()?, states.iter().rfind(finite)?);
         let start = first.position();
         let extent = kept.iter().map(|state| (state.position() - start).norm()).fold(0.0, f64::max);
-        let mut sds: Vec<f32> = states.iter().map(|state| state.own_sd_m[0].max(state.own_sd_m[1])).collect();
+        let mut sds: Vec<f32> = kept.iter().map(|state| state.own_sd_m[0].max(state.own_sd_m[1])).collect();
         sds.sort_unstable_by(f32::total_cmp);
         let sd = f64::from(sds[sds.len() / 2]);
-        if kept.len() < 3 || extent.is_nan() || extent < LEAST_M.max(LEAST_SDS * sd) {
+        if kept.len() < 3 || extent < LEAST_M.max(LEAST_SDS * sd) {
             return None;
         }
         let begins = drives(states.iter().filter(finite), first.time_s) && !cut(source, first.time_s);
@@ -85,6 +84,14 @@ impl Path {
     pub(super) fn length_m(&self) -> f64 {
         self.points.last().map_or(0.0, |point| point.along_m)
     }
+}
+
+/// Whether all numbers of a state can be used.
+fn is_finite(state: &State) -> bool {
+    let [sd_x, sd_y] = state.own_sd_m;
+    let small = [state.heading_rad, state.speed_mps, sd_x, sd_y];
+    [state.x_m, state.y_m, state.time_s].iter().all(|value| value.is_finite())
+        && small.iter().all(|v| v.is_finite())
 }
 
 /// Whether a vehicle drives in the second after a time, or before it. `states` begin at that time.
