@@ -1,6 +1,6 @@
-"""Tests a report in a browser: playing, clicking, keys, the layout on a phone, and the page without scripts.
+"""Tests a report in a browser: playing, clicking, keys, drawing, the layout on a phone, and the page without scripts.
 
-  test_page.py REPORT.html [--shots FOLDER]
+  test_page.py REPORT.html [--shots FOLDER] [--save FOLDER]
 
 It needs Chromium, and is skipped with a message if there is none.
 """
@@ -10,6 +10,7 @@ import shutil
 import sys
 from pathlib import Path
 
+from drawing import draw_on
 from playwright.sync_api import Page, sync_playwright
 
 BROWSERS = ["chromium", "chromium-headless-shell", "chromium-browser", "google-chrome"]
@@ -125,10 +126,35 @@ def look_around(page: Page, shots: Path | None) -> None:
     assert "track=" in page.evaluate("location.hash"), "the address can be passed on"
 
 
+def fits(page: Page) -> None:
+    """Checks that no table or plan is wider than the page outside a box that scrolls, and that no chip is cut."""
+    wide = page.evaluate(
+        """() => [...document.querySelectorAll("table, svg.birdseye")].filter((part) => {
+            const box = part.closest(".scroll");
+            return !box || box.getBoundingClientRect().right > document.documentElement.clientWidth;
+        }).length"""
+    )
+    assert not wide, f"{wide} tables or plans do not scroll in a box of their own"
+    cut = page.evaluate(
+        """() => {
+            const list = document.getElementById("player-list"), box = list.getBoundingClientRect();
+            const chip = list.firstElementChild, chips = 400;
+            for (let i = list.children.length; i < chips; i++) list.append(chip.cloneNode(true));
+            const rows = [...list.children].map((one) => one.getBoundingClientRect());
+            const bottom = list.getBoundingClientRect().bottom;
+            const cut = rows.filter((row) => row.top < bottom - 0.5 && row.bottom > bottom + 0.5).length;
+            while (list.children.length > 1 && list.lastElementChild.dataset.track === chip.dataset.track) list.lastElementChild.remove();
+            return cut;
+        }"""
+    )
+    assert not cut, f"{cut} chips of the list of vehicles are cut"
+
+
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("report", type=Path)
     parser.add_argument("--shots", type=Path, help="folder for pictures of the page")
+    parser.add_argument("--save", type=Path, help="folder for the lengths and surveyed points that were drawn")
     args = parser.parse_args()
     browser_path = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser_path is None:
@@ -139,8 +165,9 @@ def main() -> int:
     address = args.report.resolve().as_uri()
     with sync_playwright() as playwright:
         browser = playwright.chromium.launch(executable_path=browser_path, args=["--no-sandbox"])
-        for name, width, height in [("desk", 1280, 1000), ("phone", 390, 844)]:
-            context = browser.new_context(viewport={"width": width, "height": height})
+        for name, width, height in [("desk", 1280, 1000), ("phone", 360, 780)]:
+            is_phone = name == "phone"
+            context = browser.new_context(viewport={"width": width, "height": height}, has_touch=is_phone)
             page = context.new_page()
             wrong: list[str] = []
             page.on("pageerror", lambda error: wrong.append(str(error)))
@@ -148,11 +175,16 @@ def main() -> int:
             asked: list[str] = []
             page.on("request", lambda request: asked.append(request.url))
             page.goto(address)
-            look_around(page, args.shots / name if args.shots else None)
+            shots = args.shots / name if args.shots else None
+            look_around(page, shots)
+            page.goto("about:blank")
+            page.goto(address)
+            draw_on(page, is_phone, shots, args.save)
+            fits(page)
             over = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
             assert over <= 0, f"{over} px too wide for a {name}"
             assert not wrong, wrong
-            outside = [url for url in asked if not url.startswith(("file:", "data:"))]
+            outside = [url for url in asked if not url.startswith(("file:", "data:", "blob:", "about:"))]
             assert not outside, f"the page asks the network: {outside}"
             track = page.evaluate("JSON.parse(document.getElementById('player-data').textContent).tracks.at(-1)")
             linked = context.new_page()

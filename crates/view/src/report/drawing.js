@@ -7,7 +7,7 @@
   const MODES = {
     gates: {
       kinds: ["gate", "zone"], file: "gates.geojson", type: "application/geo+json", option: "roadplane traffic … --gates",
-      hint: "Click two or more points of a line and press Enter: a gate. Click three or more points and then the first one: a zone. The arrow shows the direction that is called forward; the other one is called backward.",
+      hint: "Click two or more points of a line and then Enter or “Finish gate”: a gate. Click three or more points and then the first one again: a zone. The arrow shows the direction that is called forward; the other one is called backward.",
     },
     lengths: {
       kinds: ["length"], file: "lengths.csv", type: "text/csv", option: "roadplane run … --known",
@@ -18,7 +18,7 @@
       hint: "Click a surveyed point, and enter its latitude and longitude (WGS 84) and its height above the ground. You can paste “latitude, longitude” into the first field. Three or more points are needed.",
     },
   };
-  const KEYS = " Move a point by dragging it, or with the arrow keys. Delete removes it, and Escape cancels. Without a mouse: arrow keys move a cross, and the space bar sets a point.";
+  const KEYS = "Move a point by dragging it, or with the arrow keys. Delete removes it, and Escape cancels. Without a mouse: arrow keys move a cross, and the space bar sets a point.";
   const files = drawingFiles(data.size), model = drawingModel(data.size, files.LEAST);
   const svg = $("#draw-picture svg"), picture = drawingPicture(svg, data.size);
   let mode = "gates", still = data.stills[0], cursor = null, cross = null, grip = null, said = "", typing = null, before = null, saved = model.copy();
@@ -32,6 +32,7 @@
   const shown = () => ofMode().filter(({ frame }) => viewOf(frame) === viewOf(still.frame));
   // Lengths and surveyed points hold for the camera's first segment only.
   const usable = () => (mode === "gates" ? data.stills : data.stills.filter(({ segment }) => !segment));
+  const counted = (count, word) => `${count} ${word}${count === 1 ? "" : "s"}`;
   const clock = (time) => `${Math.floor(time / 60)}:${(time % 60).toFixed(1).padStart(4, "0")}`;
 
   const render = () => {
@@ -46,8 +47,11 @@
     };
     for (const button of box.querySelectorAll("[data-do]")) button.disabled = !can[button.dataset.do];
     for (const name of ["gate", "zone"]) $(`[data-do=${name}]`).hidden = mode !== "gates";
+    const chosen = model.draft ? "point" : model.selected?.point !== null && model.chosen?.points.length > files.LEAST[model.chosen.kind] ? "point" : model.chosen?.kind;
+    $("[data-do=remove]").textContent = chosen ? `Delete ${chosen}` : "Delete";
     $("[data-do=save]").textContent = `Save ${MODES[mode].file}`;
-    $("#draw-hint").textContent = MODES[mode].hint + KEYS;
+    $("#draw-hint").firstElementChild.textContent = MODES[mode].hint;
+    $("#draw-hint").lastElementChild.textContent = KEYS;
     $("#draw-said").textContent = said || faults[0]?.[1] || "";
     $("#draw-said").classList.toggle("wrong", !said && faults.length > 0);
     $("#draw-picture figcaption").textContent = cursor || cross ? (cursor ?? cross).map((v) => v.toFixed(1)).join(", ") + " px" : `frame ${still.frame}`;
@@ -117,7 +121,7 @@
       setTimeout(() => URL.revokeObjectURL(link.href), 10000);
       saved = model.copy();
       const others = ofMode().length - drawings.length;
-      say(`Saved ${file} for the option ${option} ${file}.${others ? ` ${others} drawings of other frames are not in it.` : ""}`);
+      say(`Saved ${file}. Use it with: ${option} ${file}${others ? `. ${counted(others, "drawing")} of other frames left out.` : ""}`);
     },
     open: () => $("input[type=file]").click(),
   };
@@ -129,7 +133,7 @@
         if (!drawings.length) throw new Error("The table has no rows.");
         choose(drawings[0].kind === "length" ? "lengths" : "points");
         model.load(drawings.map((drawing) => ({ ...drawing, frame: drawing.frame ?? first })));
-        return say(`${file.name}: ${drawings.length} rows.`);
+        return say(`${file.name}: ${counted(drawings.length, "row")}.`);
       }
       const { drawings, frame } = files.gatesOf(text);
       choose("gates");
@@ -137,7 +141,7 @@
       if (own) still = own;
       $("#draw-frame select").value = still.frame;
       model.load(drawings.map((drawing) => ({ ...drawing, frame: still.frame })));
-      say(`${file.name}: ${drawings.length} drawings.${own || (!data.moving && usable().length === data.stills.length && data.stills.every(({ segment }) => segment === still.segment)) ? "" : ` Frame ${frame} of the file is not in this report: check the drawings.`}`);
+      say(`${file.name}: ${counted(drawings.length, "drawing")}.${own || (!data.moving && usable().length === data.stills.length && data.stills.every(({ segment }) => segment === still.segment)) ? "" : ` Frame ${frame} of the file is not in this report: check the drawings.`}`);
     } catch (error) {
       say(`${file.name} was not opened. ${error.message}`);
     }

@@ -42,12 +42,16 @@ fn residuals(page: &mut String, residuals_m: &[[f64; 2]]) {
         "<h3>Surveyed points</h3>\n<div class=\"scroll\"><table><thead><tr><th>point</th><th>residual east, m</th>\
          <th>residual north, m</th><th>distance, m</th></tr></thead>\n",
     );
+    // Rounding can give −0. The addition of 0 changes it to 0.
+    let rounded = |metres: f64| (metres * 100.0).round() / 100.0 + 0.0;
     for (i, [east, north]) in residuals_m.iter().enumerate() {
         put(
             page,
             format_args!(
-                "<tr><th>{}</th><td>{east:+.2}</td><td>{north:+.2}</td><td>{:.2}</td></tr>\n",
+                "<tr><th>{}</th><td>{:+.2}</td><td>{:+.2}</td><td>{:.2}</td></tr>\n",
                 i + 1,
+                rounded(*east),
+                rounded(*north),
                 east.hypot(*north)
             ),
         );
