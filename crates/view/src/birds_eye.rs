@@ -63,7 +63,7 @@ impl Sheet {
 
     /// Returns the width and height of the plan, px.
     fn size_px(&self) -> (f64, f64) {
-        let [left, _, bottom, top] = self.edges_m;
+        let [_, right, bottom, top] = self.edges_m;
         if self.turned { self.at(right, top) } else { self.at(right, bottom) }
     }
 }
