@@ -116,8 +116,10 @@ impl<'a, R: Iterator<Item = Result<TrackRow, PipelineError>>> Scene<'a, R> {
     }
 }
 
-/// The pictures that a report shows.
-pub(crate) struct ReportPictures<'a> {
+/// Parts of a report that do not come from the solution.
+pub(crate) struct ReportParts<'a> {
+    /// Sections on traffic, as HTML.
+    pub traffic: &'a str,
     /// Frames on which the result is drawn: index, time in s, picture.
     pub samples: &'a [(u64, f64, RgbImage)],
     /// Small frames and cut-outs of vehicles that the player in the report shows.
@@ -137,12 +139,11 @@ pub(crate) fn write_report(
     title: &str,
     atlas: &ShapeAtlas,
     solution: &ClipSolution,
-    seen: &ReportPictures<'_>,
+    seen: &ReportParts<'_>,
     summary: &Summary,
-    traffic: &str,
     config: &Config,
 ) -> Result<(), PipelineError> {
-    let &ReportPictures { samples, stills, background, is_thinned } = seen;
+    let &ReportParts { traffic, samples, stills, background, is_thinned } = seen;
     let rows = || solution.rows.iter().cloned().map(Ok);
     let result = Drawn { cameras: &solution.cameras, views: &solution.views, shapes: &solution.shapes };
     let mut scene = Scene::new(result, rows(), ground_of(rows())?, atlas);

@@ -13,7 +13,7 @@ use roadplane_write::{
 use crate::cameras::memory::EVIDENCE;
 use crate::estimation::{ClipSolution, Given, solve_constrained_clip};
 use crate::identity::{peak_memory_bytes, versions};
-use crate::output::draw::{Drawn, ReportPictures, draw_video, write_report};
+use crate::output::draw::{Drawn, ReportParts, draw_video, write_report};
 use crate::output::track_rows::{ShownRows, TrackRows};
 use crate::stream::perception::{Job, Perceived, SPOOL};
 use crate::stream::speed::Meter;
@@ -79,11 +79,16 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
     summary.peak_memory_bytes = peak_memory_bytes();
     summary.speed = meter.as_mut().map(Meter::speed);
     let report = folder.join("report.html");
-    let pictures =
-        ReportPictures { samples: &perceived.samples, stills: &perceived.stills, background, is_thinned };
     let sections = config.traffic.enabled.then(|| run_traffic(folder, stem, &mut summary, config));
     let sections = sections.unwrap_or_default();
-    write_report(&report, stem, &atlas, &solution, &pictures, &summary, &sections, config)?;
+    let pictures = ReportParts {
+        traffic: &sections,
+        samples: &perceived.samples,
+        stills: &perceived.stills,
+        background,
+        is_thinned,
+    };
+    write_report(&report, stem, &atlas, &solution, &pictures, &summary, config)?;
     // Unlike the report, the summary includes the cost of writing the report.
     summary.speed = meter.as_mut().map(Meter::speed);
     if options.video {
