@@ -38,6 +38,7 @@ fn drive(points: &[[f64; 2]], start_s: f64) -> Vec<State> {
         for step in 0..steps {
             let at = a + (b - a) * (step as f64 / steps as f64);
             states.push(State {
+                scale_sd: 0.0,
                 time_s: start_s + states.len() as f64 * STEP_S,
                 x_m: at.x,
                 y_m: at.y,
