@@ -138,12 +138,12 @@ def fits(page: Page) -> None:
     cut = page.evaluate(
         """() => {
             const list = document.getElementById("player-list"), box = list.getBoundingClientRect();
-            const chip = list.firstElementChild, chips = 400;
-            for (let i = list.children.length; i < chips; i++) list.append(chip.cloneNode(true));
+            const chip = list.firstElementChild, count = list.children.length;
+            for (let i = count; i < 400; i++) list.append(chip.cloneNode(true));
             const rows = [...list.children].map((one) => one.getBoundingClientRect());
             const bottom = list.getBoundingClientRect().bottom;
             const cut = rows.filter((row) => row.top < bottom - 0.5 && row.bottom > bottom + 0.5).length;
-            while (list.children.length > 1 && list.lastElementChild.dataset.track === chip.dataset.track) list.lastElementChild.remove();
+            while (list.children.length > count) list.lastElementChild.remove();
             return cut;
         }"""
     )
@@ -170,7 +170,7 @@ def main() -> int:
             context = browser.new_context(viewport={"width": width, "height": height}, has_touch=is_phone)
             page = context.new_page()
             wrong: list[str] = []
-            page.on("pageerror", lambda error: wrong.append(str(error)))
+            context.on("weberror", lambda error: wrong.append(str(error.error)))
             page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
             asked: list[str] = []
             page.on("request", lambda request: asked.append(request.url))
@@ -179,7 +179,7 @@ def main() -> int:
             look_around(page, shots)
             page.goto("about:blank")
             page.goto(address)
-            draw_on(page, is_phone, shots, args.save)
+            draw_on(page, args.report, is_phone, shots, args.save)
             fits(page)
             over = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
             assert over <= 0, f"{over} px too wide for a {name}"
