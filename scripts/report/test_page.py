@@ -24,6 +24,16 @@ COUNT_COLOURS = """(selector) => {
     return seen.size;
 }"""
 
+# Script that returns the number of chips that the lower edge of their list cuts, if there are 400 chips.
+CUT_CHIPS = """() => {
+    const list = document.getElementById("player-list"), count = list.children.length;
+    for (let i = count; i < 400; i++) list.append(list.firstElementChild.cloneNode(true));
+    const bottom = list.getBoundingClientRect().bottom;
+    const rows = [...list.children].map((chip) => chip.getBoundingClientRect());
+    while (list.children.length > count) list.lastElementChild.remove();
+    return rows.filter((row) => row.top < bottom - 0.5 && row.bottom > bottom + 0.5).length;
+}"""
+
 
 def painted(page: Page, selector: str) -> int:
     """Returns how many different colours a canvas shows, in every 53rd pixel."""
@@ -135,18 +145,7 @@ def fits(page: Page) -> None:
         }).length"""
     )
     assert not wide, f"{wide} tables or plans do not scroll in a box of their own"
-    cut = page.evaluate(
-        """() => {
-            const list = document.getElementById("player-list"), box = list.getBoundingClientRect();
-            const chip = list.firstElementChild, count = list.children.length;
-            for (let i = count; i < 400; i++) list.append(chip.cloneNode(true));
-            const rows = [...list.children].map((one) => one.getBoundingClientRect());
-            const bottom = list.getBoundingClientRect().bottom;
-            const cut = rows.filter((row) => row.top < bottom - 0.5 && row.bottom > bottom + 0.5).length;
-            while (list.children.length > count) list.lastElementChild.remove();
-            return cut;
-        }"""
-    )
+    cut = page.evaluate(CUT_CHIPS)
     assert not cut, f"{cut} chips of the list of vehicles are cut"
 
 
