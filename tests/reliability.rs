@@ -25,7 +25,9 @@ fn said(output: &Output) -> String {
 /// speed of the run are left out.
 fn contents(result: &Path) -> Vec<(String, Vec<u8>)> {
     let varies = ["summary.json", "report.html"];
-    let files = names(result).into_iter().filter(|name| !varies.contains(&name.as_str()));
+    let traffic = names(&result.join("traffic")).into_iter().map(|name| format!("traffic/{name}"));
+    let files = names(result).into_iter().filter(|name| !varies.contains(&name.as_str()) && name != "traffic");
+    let files = files.chain(traffic);
     let played = ("played data".to_owned(), played(&result.join("report.html")).into_bytes());
     files.map(|name| (name.clone(), fs::read(result.join(name)).unwrap())).chain([played]).collect()
 }

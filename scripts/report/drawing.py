@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 import tempfile
 from pathlib import Path
 
@@ -242,7 +243,35 @@ def with_fingers(sheet: Sheet, session: CDPSession) -> None:
     same(json.loads(sheet.saved())["features"][0]["geometry"]["coordinates"], line)
 
 
-def draw_on(page: Page, touch: bool, shots: Path | None, save: Path | None) -> None:
+def moving(page: Page, report: Path, folder: Path) -> None:
+    """Tests a report whose camera moves: a drawing belongs to its frame, and tables name the frame."""
+    copy = folder / "moving.html"
+    text, count = re.subn(r'"moving":false', '"moving":true', report.read_text())
+    assert count == 1
+    copy.write_text(text)
+    page.goto(copy.as_uri())
+    sheet = Sheet(page, False)
+    first, second = (still["frame"] for still in sheet.data["stills"][:2])
+    sheet.shares((0.2, 0.3), (0.4, 0.3))
+    page.keyboard.press("Enter")
+    page.select_option("#draw-frame select", str(second))
+    assert not sheet.names(), "the drawing belongs to the other frame"
+    sheet.shares((0.5, 0.5), (0.6, 0.6))
+    page.keyboard.press("Enter")
+    file = json.loads(sheet.saved())
+    assert file["frame"] == second and len(file["features"]) == 1
+    assert "1 drawing of other frames" in page.inner_text("#draw-said")
+    sheet.mode("lengths")
+    sheet.shares((0.5, 0.5), (0.6, 0.6))
+    page.locator("#draw input[data-key=metres]").fill("4")
+    page.select_option("#draw-frame select", str(first))
+    sheet.shares((0.2, 0.5), (0.3, 0.6))
+    page.locator("#draw input[data-key=metres]").fill("3")
+    rows = list(csv.DictReader(sheet.saved().splitlines()))
+    assert [(row["length_m"], row["frame"]) for row in rows] == [("4", str(second)), ("3", str(first))]
+
+
+def draw_on(page: Page, report: Path, touch: bool, shots: Path | None, save: Path | None) -> None:
     """Tests the drawing part of a report. With `save`, the tables of lengths and points are kept in that folder."""
 
     def shot(name: str) -> None:
@@ -259,6 +288,8 @@ def draw_on(page: Page, touch: bool, shots: Path | None, save: Path | None) -> N
     fresh = page.context.new_page()
     fresh.goto(page.url)
     load(Sheet(fresh, touch), text)
+    with tempfile.TemporaryDirectory() as folder:
+        moving(fresh, report, Path(folder))
     fresh.close()
     lengths_and_points(sheet, save)
     shot("points")

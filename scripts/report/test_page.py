@@ -24,6 +24,16 @@ COUNT_COLOURS = """(selector) => {
     return seen.size;
 }"""
 
+# Script that returns the number of chips that the lower edge of their list cuts, if there are 400 chips.
+CUT_CHIPS = """() => {
+    const list = document.getElementById("player-list"), count = list.children.length;
+    for (let i = count; i < 400; i++) list.append(list.firstElementChild.cloneNode(true));
+    const bottom = list.getBoundingClientRect().bottom;
+    const rows = [...list.children].map((chip) => chip.getBoundingClientRect());
+    while (list.children.length > count) list.lastElementChild.remove();
+    return rows.filter((row) => row.top < bottom - 0.5 && row.bottom > bottom + 0.5).length;
+}"""
+
 
 def painted(page: Page, selector: str) -> int:
     """Returns how many different colours a canvas shows, in every 53rd pixel."""
@@ -135,18 +145,7 @@ def fits(page: Page) -> None:
         }).length"""
     )
     assert not wide, f"{wide} tables or plans do not scroll in a box of their own"
-    cut = page.evaluate(
-        """() => {
-            const list = document.getElementById("player-list"), box = list.getBoundingClientRect();
-            const chip = list.firstElementChild, chips = 400;
-            for (let i = list.children.length; i < chips; i++) list.append(chip.cloneNode(true));
-            const rows = [...list.children].map((one) => one.getBoundingClientRect());
-            const bottom = list.getBoundingClientRect().bottom;
-            const cut = rows.filter((row) => row.top < bottom - 0.5 && row.bottom > bottom + 0.5).length;
-            while (list.children.length > 1 && list.lastElementChild.dataset.track === chip.dataset.track) list.lastElementChild.remove();
-            return cut;
-        }"""
-    )
+    cut = page.evaluate(CUT_CHIPS)
     assert not cut, f"{cut} chips of the list of vehicles are cut"
 
 
@@ -170,7 +169,7 @@ def main() -> int:
             context = browser.new_context(viewport={"width": width, "height": height}, has_touch=is_phone)
             page = context.new_page()
             wrong: list[str] = []
-            page.on("pageerror", lambda error: wrong.append(str(error)))
+            context.on("weberror", lambda error: wrong.append(str(error.error)))
             page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
             asked: list[str] = []
             page.on("request", lambda request: asked.append(request.url))
@@ -179,7 +178,7 @@ def main() -> int:
             look_around(page, shots)
             page.goto("about:blank")
             page.goto(address)
-            draw_on(page, is_phone, shots, args.save)
+            draw_on(page, args.report, is_phone, shots, args.save)
             fits(page)
             over = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
             assert over <= 0, f"{over} px too wide for a {name}"

@@ -178,7 +178,7 @@ fn grid(svg: &mut String, sheet: &Sheet) {
     let height = sheet.size_px().1;
     for (metres, ends) in across.chain(along) {
         let [(x0, y0), (x1, y1)] = ends.map(|(x_m, y_m)| sheet.at(x_m, y_m));
-        // Numbers of vertical lines on the plan are at the bottom of the plan, and those of level lines at its left edge.
+        // The distance is written at the lower end or at the left end of the line.
         let (x, y) = if (x0 - x1).abs() < 0.5 { (x0 + 3.0, height - 4.0) } else { (3.0, y0 - 3.0) };
         put(
             svg,

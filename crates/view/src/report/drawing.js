@@ -47,7 +47,8 @@
     };
     for (const button of box.querySelectorAll("[data-do]")) button.disabled = !can[button.dataset.do];
     for (const name of ["gate", "zone"]) $(`[data-do=${name}]`).hidden = mode !== "gates";
-    const chosen = model.draft ? "point" : model.selected?.point !== null && model.chosen?.points.length > files.LEAST[model.chosen.kind] ? "point" : model.chosen?.kind;
+    const own = model.chosen, isPoint = model.draft || (own && model.selected.point !== null && own.points.length > files.LEAST[own.kind]);
+    const chosen = isPoint ? "point" : own?.kind;
     $("[data-do=remove]").textContent = chosen ? `Delete ${chosen}` : "Delete";
     $("[data-do=save]").textContent = `Save ${MODES[mode].file}`;
     $("#draw-hint").firstElementChild.textContent = MODES[mode].hint;

@@ -41,7 +41,8 @@ const drawingList = (box, colours, on) => {
   // Shows these drawings. A field that has the focus keeps its text.
   const show = (drawings, selected, wrong) => {
     const ids = new Set(drawings.map(({ id }) => id));
-    for (const [id, made] of rows) if (!ids.has(id)) { made.remove(); rows.delete(id); }
+    // The removal of a field with the focus ends the input there, and shows the list again.
+    for (const [id, made] of [...rows]) if (!ids.has(id) && rows.delete(id)) made.remove();
     for (const drawing of drawings) {
       if (!rows.has(drawing.id)) {
         rows.set(drawing.id, row(drawing));

@@ -113,13 +113,14 @@ fn quality(page: &mut String, rms_px: &[f64]) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Still, TrackStill};
+    use super::super::{PlainFrame, Still, TrackStill};
     use super::*;
     use image::RgbImage;
     use nalgebra::Matrix4;
     use roadplane_base::{
         CameraEstimate, CameraMove, CameraParams, CameraStatus, ImageSize, MoveKind, TrackRow,
     };
+    use roadplane_geo::Fit;
     use roadplane_synth::stationary_row as row;
 
     fn camera() -> CameraEstimate {
@@ -203,11 +204,27 @@ mod tests {
             shift_px: Some([3.0, -4.0]),
             log_scale: Some(0.05),
         };
-        let picture = RgbImage::new(64, 36);
+        let (picture, large) = (RgbImage::new(64, 36), RgbImage::new(2400, 1350));
+        let fit = Fit {
+            zone: "33N".to_owned(),
+            camera_at: [51.106_752_5, 13.916_472_9],
+            camera_utm_m: [424_144.89, 5_662_254.56],
+            camera_sd_m: [0.4, 0.26],
+            bearing_deg: 243.7,
+            bearing_sd_deg: 0.56,
+            focal_px: 613.0,
+            focal_sd_px: 17.0,
+            height_m: 3.98,
+            height_sd_m: 0.12,
+            scale: 0.987,
+            residuals_m: vec![[0.3, -0.4], [-0.001, 0.2]],
+            warnings: vec!["point 1 lies 0.50 m (3.1 sd) away from its fitted position".to_owned()],
+        };
         report_html(&ReportInput {
             cameras: &[camera()],
             rows: &rows,
             samples: &[(3, RgbImage::new(640, 360))],
+            frames: &[PlainFrame { frame: 3, time_s: 0.3, segment: Some(0), picture: &large }],
             stills: &[still(0), still(333)],
             still_motion: &[],
             views: &[TrackStill { track: 2, still: still(100) }],
@@ -219,6 +236,7 @@ mod tests {
             camera_notes: &["The camera shakes by up to 2 px.".to_owned()],
             losses: &["12 of 32 frames could not be decoded.".to_owned()],
             traffic: "",
+            place: Some(&fit),
             ..empty()
         })
         .unwrap()
@@ -226,18 +244,27 @@ mod tests {
 
     /// Returns the HTML of the page without its scripts.
     fn without_scripts(page: &str) -> String {
-        let parts: Vec<&str> = page.split("<script").collect();
-        parts[0].to_owned() + parts[2].split_once("</script>").unwrap().1
+        let mut parts = page.split("<script");
+        let first = parts.next().unwrap().to_owned();
+        parts.fold(first, |text, part| text + part.split_once("</script>").unwrap().1)
+    }
+
+    /// Returns the JSON of the script element with this id.
+    fn json_of(page: &str, id: &str) -> serde_json::Value {
+        let (_, rest) = page.split_once(&format!("<script type=\"application/json\" id=\"{id}\">")).unwrap();
+        serde_json::from_str(rest.split_once("</script>").unwrap().0).unwrap()
     }
 
     #[test]
     fn the_page_contains_the_player_data_and_the_facts_as_text() {
         let page = page_of_two_tracks();
         assert!(!page.contains("http"), "no external parts");
-        let parts: Vec<&str> = page.split("<script").collect();
-        assert_eq!(parts.len(), 3, "data and program");
-        let json = parts[1].split_once('>').unwrap().1.split_once("</script>").unwrap().0;
-        let data: serde_json::Value = serde_json::from_str(json).unwrap();
+        assert_eq!(
+            page.matches("<script").count(),
+            4,
+            "data and program of the player and of the drawing part"
+        );
+        let data = json_of(&page, "player-data");
         assert_eq!(data["frames"].as_array().unwrap().len(), 2);
         assert_eq!(data["frames"][1][0], 0.333);
         assert_eq!(data["tracks"][0]["activity"][0], "a</script>b");
@@ -254,6 +281,26 @@ mod tests {
         {
             assert!(plain.contains(text), "{text}");
         }
+    }
+
+    #[test]
+    fn the_drawing_part_has_the_size_of_the_input_and_smaller_pictures() {
+        let data = json_of(&page_of_two_tracks(), "draw-data");
+        assert_eq!(data["size"], serde_json::json!([2400, 1350]));
+        assert_eq!((&data["moving"], &data["stills"][0]["segment"]), (&false.into(), &0.into()));
+        assert_eq!((&data["stills"][0]["frame"], &data["stills"][0]["time"]), (&3.into(), &0.3.into()));
+        let picture = data["stills"][0]["picture"].as_str().unwrap().split_once(',').unwrap().1;
+        let bytes = base64::Engine::decode(&base64::engine::general_purpose::STANDARD, picture).unwrap();
+        let picture = image::load_from_memory(&bytes).unwrap();
+        assert_eq!((picture.width(), picture.height()), (1920, 1080));
+        let moving = ReportInput {
+            frames: &[PlainFrame { frame: 0, time_s: 0.0, segment: None, picture: &RgbImage::new(64, 36) }],
+            still_motion: &[None, Some([1.0, 0.0, 5.0, 0.0, 1.0, 0.0, 0.0, 0.0])],
+            ..empty()
+        };
+        let data = json_of(&report_html(&moving).unwrap(), "draw-data");
+        assert_eq!(data["moving"], true);
+        assert!(data["stills"][0]["segment"].is_null(), "no camera was estimated");
     }
 
     #[test]

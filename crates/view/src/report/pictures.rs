@@ -31,13 +31,18 @@ pub(super) fn figure(
 
 /// Returns a picture as a data URI with a JPEG file. A picture wider than [`MAX_WIDTH`] is reduced to that width.
 pub(super) fn data_uri(picture: &RgbImage) -> Result<String, ViewError> {
-    data_uri_up_to(picture, MAX_WIDTH)
+    data_uri_up_to(picture, MAX_WIDTH, QUALITY)
 }
 
-/// Returns a picture as a data URI with a JPEG file. A picture wider than `max_width_px` is reduced to that width.
-pub(super) fn data_uri_up_to(picture: &RgbImage, max_width_px: u32) -> Result<String, ViewError> {
+/// Returns a picture as a data URI with a JPEG file of this quality, 0 to 100. A picture wider than `max_width_px` is
+/// reduced to that width.
+pub(super) fn data_uri_up_to(
+    picture: &RgbImage,
+    max_width_px: u32,
+    quality: u8,
+) -> Result<String, ViewError> {
     let mut jpeg = Vec::new();
-    let encoder = JpegEncoder::new_with_quality(&mut jpeg, QUALITY);
+    let encoder = JpegEncoder::new_with_quality(&mut jpeg, quality);
     if picture.width() > max_width_px {
         let height = u64::from(picture.height()) * u64::from(max_width_px) / u64::from(picture.width());
         let filter = image::imageops::FilterType::Triangle;
