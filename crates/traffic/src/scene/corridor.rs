@@ -10,7 +10,7 @@ use super::{
 
 /// Step along the road, m.
 const STEP_M: f64 = 2.0;
-/// Depth to which a road is followed, m, at most a third of the vehicles' paths. Vehicles on a straight road are found at
+/// Depth to which a road is followed, m, at most half of the vehicles' paths. Vehicles on a straight road are found at
 /// distances that differ by about this.
 const DEEPEST_M: f64 = 60.0;
 /// Share of the vehicles that must cross the gate, relative to the best place for a gate.
@@ -100,7 +100,7 @@ fn follow(paths: &[Path], events: &[Event]) -> Vec<(Section, Vec<Crossing>)> {
     let mut middle = centre + outward * start;
     let mut lengths: Vec<f64> = events.iter().map(|event| paths[event.path].length_m()).collect();
     lengths.sort_unstable_by(f64::total_cmp);
-    let deepest_m = start + DEEPEST_M.min(lengths[lengths.len() / 2] / 3.0);
+    let deepest_m = start + DEEPEST_M.min(lengths[lengths.len() / 2] / 2.0);
     let aside_of = |point: Vector2<f64>| (point - centre).dot(&Vector2::new(-outward.y, outward.x)).abs();
     let mut half_m = events.iter().map(|event| aside_of(event.at)).fold(0.0, f64::max);
 
