@@ -10,10 +10,14 @@ use super::{
 
 /// Step along the road, m.
 const STEP_M: f64 = 2.0;
-/// Depth to which a road is followed, m. Vehicles on a straight road are found at distances that differ by about this.
+/// Depth to which a road is followed, m, at most half of the vehicles' paths. Vehicles on a straight road are found at
+/// distances that differ by about this.
 const DEEPEST_M: f64 = 60.0;
 /// Share of the vehicles that must cross the gate, relative to the best place for a gate.
 const CROSS_SHARE: f64 = 0.95;
+
+/// Cosine of the largest angle between a vehicle that crosses a line and the road: 60°.
+const ACROSS_COS: f64 = 0.5;
 
 /// A line across a road.
 #[derive(Clone, Debug)]
@@ -50,7 +54,8 @@ impl Section {
         path.points.windows(2).filter_map(move |pair| {
             let [a, b] = [0, 1].map(|i| pair[i].at - self.middle);
             let (from, to) = (a.dot(&self.outward), b.dot(&self.outward));
-            if (from > 0.0) == (to > 0.0) {
+            // A vehicle along the line crosses it only by its noise.
+            if (from > 0.0) == (to > 0.0) || (to - from).abs() < ACROSS_COS * (b - a).norm() {
                 return None;
             }
             let share = from / (from - to);

@@ -10,7 +10,7 @@ const STEP_M: f64 = 2.0;
 const LEAST_M: f64 = 10.0;
 /// Least extent of a path in sds of its position. Noise alone reaches it in one vehicle of 16,000 (normal distribution).
 const LEAST_SDS: f64 = 4.0;
-/// Speed below which a vehicle is in a queue, m/s: 5 km/h, as in the Highway Capacity Manual 2010, chapter 31.
+/// Speed below which a vehicle is in a queue, m/s: 5 km/h, a walking pace.
 pub(super) const QUEUE_MPS: f64 = 1.4;
 /// Time after which a vehicle is confirmed by the tracker, s. Vehicles that appear earlier were there before.
 const CONFIRMED_S: f64 = 1.0;

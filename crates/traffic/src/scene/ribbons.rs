@@ -83,17 +83,27 @@ fn reference(paths: &[Path], members: &[usize]) -> Option<Reference> {
     let points: Vec<_> = paths[*longest].points.iter().map(|point| point.at).collect();
     let mut line = Reference::new(&points)?;
     for _ in 0..2 {
+        // Only changes along the line matter: otherwise the line jumps where a vehicle of another lane appears.
         let mut sums = vec![[0.0; 2]; line.nodes.len()];
         for &i in members {
-            for place in line.places(&paths[i]).iter().flatten() {
+            let places: Vec<Place> = line.places(&paths[i]).into_iter().flatten().collect();
+            let mean = places.iter().map(|place| place.left_m).sum::<f64>() / places.len().max(1) as f64;
+            for place in places {
                 let node = ((place.along_m / NODE_M).round().max(0.0) as usize).min(sums.len() - 1);
-                sums[node] = [sums[node][0] + place.left_m, sums[node][1] + 1.0];
+                sums[node] = [sums[node][0] + place.left_m - mean, sums[node][1] + 1.0];
             }
         }
-        let means: Vec<f64> = sums.iter().map(|sum| sum[0] / f64::max(sum[1], 1.0)).collect();
-        line = line.shifted(&means)?;
+        line = line.shifted(&filled(&sums))?;
     }
     Some(line)
+}
+
+/// Returns the means of sums with counts. Where few values are, it is the nearest mean of many values.
+fn filled(sums: &[[f64; 2]]) -> Vec<f64> {
+    let most = sums.iter().map(|sum| sum[1]).fold(1.0, f64::max);
+    let many: Vec<usize> = (0..sums.len()).filter(|&node| 2.0 * sums[node][1] >= most).collect();
+    let nearest = |node: usize| many.iter().copied().min_by_key(|other| other.abs_diff(node));
+    (0..sums.len()).map(|node| nearest(node).map_or(0.0, |node| sums[node][0] / sums[node][1])).collect()
 }
 
 /// A group of paths along a reference line, with its lanes.

@@ -19,7 +19,8 @@ const AT_REST_MPS: f32 = 0.5;
 /// Distance that a vehicle must drive before a stop and after it, m, unless it comes into view or leaves it driving. A
 /// vehicle that parks does not drive on.
 const DRIVES_M: f64 = 10.0;
-/// Longest distance to a queuing vehicle ahead, m: a gap of two cars, for one that was not detected.
+/// Longest gap between two vehicles of a queue, m. PTV Vissim's manual gives 10 to 20 m as usual. The largest value allows
+/// for a vehicle that was not detected.
 const AHEAD_M: f64 = 20.0;
 /// Length of road on which drivers stop at one line, m. The places of the first vehicles have an sd of about 1 m.
 const WITHIN_M: f64 = 4.0;
