@@ -26,7 +26,8 @@ fn said(output: &Output) -> String {
 fn contents(result: &Path) -> Vec<(String, Vec<u8>)> {
     let varies = ["summary.json", "report.html"];
     let traffic = names(&result.join("traffic")).into_iter().map(|name| format!("traffic/{name}"));
-    let files = names(result).into_iter().filter(|name| !varies.contains(&name.as_str()) && name != "traffic");
+    let files =
+        names(result).into_iter().filter(|name| !varies.contains(&name.as_str()) && name != "traffic");
     let files = files.chain(traffic);
     let played = ("played data".to_owned(), played(&result.join("report.html")).into_bytes());
     files.map(|name| (name.clone(), fs::read(result.join(name)).unwrap())).chain([played]).collect()
