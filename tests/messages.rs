@@ -26,14 +26,15 @@ fn error(arguments: &[&str], code: i32) -> String {
 }
 
 /// Removes the time from each line of a log, and removes lines that depend on the processor or its load. These lines
-/// show the precision of the nets, and the progress, which appears after ten seconds.
+/// show the precision of the nets, the progress, which appears after ten seconds, and stages that wait for long.
 fn without_times(log: &str) -> String {
     let line = |line: &str| match line.split_once("Z ") {
         Some((time, rest)) if time.starts_with("20") => format!("{rest}\n"),
         _ => format!("{line}\n"),
     };
     let is_progress = |line: &str| line.contains(" INFO ") && line.contains(" frames/s");
-    let varies = |line: &str| line.contains("nets run in") || is_progress(line);
+    let is_waiting = |line: &str| line.contains(" has been waiting ");
+    let varies = |line: &str| line.contains("nets run in") || is_progress(line) || is_waiting(line);
     log.lines().filter(|text| !varies(text)).map(line).collect()
 }
 
