@@ -16,7 +16,8 @@ import sys
 import time
 from pathlib import Path
 
-from step import Json, read_json
+from clips import Json
+from step import read_json
 
 ROOT = Path(__file__).resolve().parents[2]
 ENVIRONMENT = {

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import duckdb
 import jinja2
-from clips import camera_of, recorded
-from step import CAMERA, Json, read_json, write_json
+from clips import Json, camera_of, recorded
+from step import CAMERA, read_json, write_json
 
 FINISHED = (0, 3)
 OUTCOMES = ("done", "partly followed", "damaged", "lost", "failed", "not done")

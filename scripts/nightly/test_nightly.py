@@ -12,7 +12,7 @@ from pathlib import Path
 from unittest import mock
 
 import step
-from clips import binary, camera_of, clips_in, is_failed, is_of_older_version, recorded
+from clips import Json, binary, camera_of, clips_in, is_failed, is_of_older_version, recorded
 from overhead import at_work_s
 
 # Replaces the binary: the clip's name decides the exit code, and whether a piece is written.
@@ -38,7 +38,7 @@ class Steps(unittest.TestCase):
         Path("binary").write_text(FAKE_BINARY)
         Path("binary").chmod(0o755)
 
-    def piece(self, name: str, attempt: int) -> tuple[object, step.Json]:
+    def piece(self, name: str, attempt: int) -> tuple[object, Json]:
         status = f"steps/piece/{name}/000000.json"
         line = ["step.py", "--roadplane", "./binary", "piece", "--attempt", str(attempt), "--piece", "0-", status, f"{name}.mp4"]
         code: object = 0
@@ -83,7 +83,7 @@ class Steps(unittest.TestCase):
         states[None] = "lost"
         for state, outcome in states.items():
 
-            def join(*_: object, state: str | None = state) -> tuple[step.Json, str]:
+            def join(*_: object, state: str | None = state) -> tuple[Json, str]:
                 result = Path("work/result/good/good")
                 if state:
                     step.write_json(result / "summary.json", {"status": state})
