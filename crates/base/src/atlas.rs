@@ -168,6 +168,16 @@ impl ShapeAtlas {
         std::array::from_fn(|i| self.keypoint_in_car(i, shape))
     }
 
+    /// Returns the distance from the car's origin forward to the middle of its body, m. The origin is midway between the
+    /// axles.
+    #[must_use]
+    pub fn body_middle_m(&self, shape: &Shape) -> f64 {
+        let forward = self.keypoints_in_car(shape).map(|point| point.x);
+        let foremost = forward.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        let rearmost = forward.iter().copied().fold(f64::INFINITY, f64::min);
+        (foremost + rearmost) / 2.0
+    }
+
     /// Returns the position of one keypoint for the given coefficients of all modes, in the car frame, m.
     #[must_use]
     pub fn keypoint_of_all_modes(&self, index: usize, shape: &FullShape) -> Vector3<f64> {

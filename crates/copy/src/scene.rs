@@ -190,9 +190,7 @@ fn scaled_van(atlas: &ShapeAtlas, dims_m: [f64; 3]) -> (Shape, [Vector3<f64>; KE
     let shape =
         van.map_or_else(Shape::zeros, |van| atlas.clamped(&van.mean.fixed_rows::<MODES>(0).into_owned()));
     let points = atlas.keypoints_in_car(&shape);
-    let [foremost, rearmost] =
-        [f64::max, f64::min].map(|pick| points.iter().map(|p| p.x).reduce(pick).unwrap_or(0.0));
-    let middle = Vector3::new(f64::midpoint(foremost, rearmost), 0.0, 0.0);
+    let middle = Vector3::new(atlas.body_middle_m(&shape), 0.0, 0.0);
     let scale = Vector3::from(dims_m).component_div(&atlas.dims_m(&shape));
     (shape, points.map(|point| (point - middle).component_mul(&scale)))
 }

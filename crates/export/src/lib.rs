@@ -43,14 +43,7 @@ pub fn export(
             let what = format!("the format {} {reason}", format.name);
             return Err(WriteError::Lacks { what, path: run.folder.clone() });
         }
-        let mut folder = OutputFolder::begin(out, format.name, existing)?;
-        if folder.is_resumed() {
-            folder.reset()?;
-        }
-        match (format.write)(run, folder.path()) {
-            Ok(()) => folder.publish(),
-            Err(error) => folder.discard().and(Err(error)),
-        }
+        OutputFolder::write(out, format.name, existing, |folder| (format.write)(run, folder))
     };
     formats.iter().map(write).collect()
 }

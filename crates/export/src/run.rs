@@ -130,8 +130,7 @@ impl Run {
         let events = folder.join("activities.jsonl");
         let events =
             if events.exists() { Some(read_jsonl(&events)?.collect::<Result<_, _>>()?) } else { None };
-        let place = folder.join("place.json");
-        let place = if place.exists() { Some(read_place(&place)?) } else { None };
+        let place = Fit::read(folder)?;
         let name = plain(name);
         let last_frame = rows.values().flatten().map(|row| row.frame + 1).max().unwrap_or(0);
         Ok(Self {
@@ -214,10 +213,7 @@ impl Track {
         let class = rows.first().map_or(VehicleClass::Car, |row| row.class);
         let is_placed_by_middle = class != VehicleClass::Car;
         let shape = shape.unwrap_or_else(Shape::zeros);
-        let forward = atlas.keypoints_in_car(&shape).map(|point| point.x);
-        let foremost = forward.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        let rearmost = forward.iter().copied().fold(f64::INFINITY, f64::min);
-        let centre_m = if is_placed_by_middle { 0.0 } else { (foremost + rearmost) / 2.0 };
+        let centre_m = if is_placed_by_middle { 0.0 } else { atlas.body_middle_m(&shape) };
         Self { id, class, centre_m, shape, rows }
     }
 
@@ -277,15 +273,6 @@ impl RunSegment {
 fn ahead(row: &TrackRow, metres: f64) -> Vector2<f64> {
     let (sin, cos) = row.heading_rad.sin_cos();
     Vector2::new(row.x_m + metres * cos, row.y_m + metres * sin)
-}
-
-fn read_place(path: &Path) -> Result<Fit, WriteError> {
-    let text = std::fs::read(path).map_err(|source| WriteError::Io {
-        doing: "read",
-        source,
-        path: path.to_path_buf(),
-    })?;
-    serde_json::from_slice(&text).map_err(|e| WriteError::malformed(path, e))
 }
 
 /// Reads the fitted shape of each track from the file `poses`. Tracks without poses have no entry.

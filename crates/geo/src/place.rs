@@ -1,10 +1,11 @@
 //! The position and bearing of a camera on the map, and the map positions of vehicles.
 
 use std::fmt;
+use std::path::Path;
 
 use nalgebra::{Matrix2, Point3, Rotation2, Vector2};
 use roadplane_base::{CameraEstimate, GroundPose, OnMap, TrackRow};
-use roadplane_write::decimals;
+use roadplane_write::{WriteError, decimals};
 use serde::{Deserialize, Serialize};
 
 use crate::solve::Solved;
@@ -59,6 +60,22 @@ pub struct Fit {
     pub residuals_m: Vec<[f64; 2]>,
     /// Warnings about points that contradict the camera or the other points.
     pub warnings: Vec<String>,
+}
+
+impl Fit {
+    /// Reads the file `place.json` of a result folder; `None` if the run has no position on the map.
+    ///
+    /// # Errors
+    /// [`WriteError::Io`], or [`WriteError::Malformed`].
+    pub fn read(folder: &Path) -> Result<Option<Self>, WriteError> {
+        let path = folder.join("place.json");
+        let text = match std::fs::read(&path) {
+            Ok(text) => text,
+            Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(source) => return Err(WriteError::Io { doing: "read", source, path }),
+        };
+        serde_json::from_slice(&text).map(Some).map_err(|e| WriteError::malformed(&path, e))
+    }
 }
 
 impl fmt::Display for Fit {

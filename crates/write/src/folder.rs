@@ -57,6 +57,31 @@ impl OutputFolder {
         Ok(Self { dir: dir.to_path_buf(), partial, target, aside, existing, resumed })
     }
 
+    /// Writes a result in one go. `write` gets the path of the empty partial folder. After an error, nothing remains.
+    ///
+    /// The caller must have a [`FolderLock`](crate::FolderLock) on `dir`.
+    ///
+    /// # Errors
+    /// The error of `write`, or those of [`OutputFolder::begin`] and [`OutputFolder::publish`].
+    pub fn write<E: From<WriteError>>(
+        dir: &Path,
+        stem: &str,
+        existing: Existing,
+        write: impl FnOnce(&Path) -> Result<(), E>,
+    ) -> Result<PathBuf, E> {
+        let mut folder = Self::begin(dir, stem, existing)?;
+        if folder.is_resumed() {
+            folder.reset()?;
+        }
+        match write(folder.path()) {
+            Ok(()) => Ok(folder.publish()?),
+            Err(error) => {
+                folder.discard()?;
+                Err(error)
+            }
+        }
+    }
+
     /// Returns the path of the partial folder. The caller writes all files there before [`OutputFolder::publish`].
     #[must_use]
     pub fn path(&self) -> &Path {

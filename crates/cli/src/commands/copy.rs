@@ -27,15 +27,8 @@ pub fn copy(args: &CopyArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     let (parent, name) = split(&args.out)?;
     let existing = if args.overwrite { Existing::Overwrite } else { Existing::Refuse };
     let _lock = FolderLock::acquire(&parent).map_err(PipelineError::from)?;
-    let mut folder = OutputFolder::begin(&parent, &name, existing).map_err(PipelineError::from)?;
-    if folder.is_resumed() {
-        folder.reset().map_err(PipelineError::from)?;
-    }
-    let written = match write_scene(&scene, folder.path()) {
-        Ok(()) => folder.publish(),
-        Err(error) => folder.discard().and(Err(error)),
-    };
-    let written = written.map_err(PipelineError::from)?;
+    let written = OutputFolder::write(&parent, &name, existing, |folder| write_scene(&scene, folder))
+        .map_err(PipelineError::from)?;
     let stationary = scene.vehicles.iter().filter(|vehicle| vehicle.is_stationary()).count();
     tracing::info!(
         "{} vehicles, {stationary} of them stationary, {:.1} s: {}",

@@ -21,7 +21,7 @@ const OTDET_VERSION: &str = "1.4";
 const OTTRK_VERSION: &str = "1.1";
 /// Name and version of the program that wrote the file, in the place of the version of OTVision.
 const PROGRAM: &str = concat!("roadplane ", env!("CARGO_PKG_VERSION"));
-/// The names of the classes that OTVision uses are those of the data set COCO, with the numbers of COCO.
+/// The classes with their numbers in the data set COCO. OTVision uses the names of COCO, and ours are the same.
 const COCO: [(u32, VehicleClass); 4] =
     [(2, VehicleClass::Car), (3, VehicleClass::Motorcycle), (5, VehicleClass::Bus), (7, VehicleClass::Truck)];
 
@@ -36,16 +36,6 @@ pub fn write(run: &Run, folder: &Path) -> Result<(), WriteError> {
     packed.finish().map_err(WriteError::io("write", &path))?.finish()
 }
 
-/// Returns OTVision's name of a vehicle class.
-fn class_name(class: VehicleClass) -> &'static str {
-    match class {
-        VehicleClass::Car => "car",
-        VehicleClass::Truck => "truck",
-        VehicleClass::Bus => "bus",
-        VehicleClass::Motorcycle => "motorcycle",
-    }
-}
-
 fn start_s(run: &Run) -> i64 {
     run.start_s.unwrap_or(0)
 }
@@ -55,7 +45,7 @@ fn detection(run: &Run, track: &Track, row: &TrackRow) -> Value {
     let px = |value| decimals(value, 2);
     let is_at = |end: Option<&TrackRow>| end.is_some_and(|end| end.frame == row.frame);
     json!({
-        "class": class_name(track.class),
+        "class": track.class.name(),
         "confidence": row.score,
         "x": px(x0), "y": px(y0), "w": px(x1 - x0), "h": px(y1 - y0),
         "interpolated-detection": !row.observed,
@@ -76,7 +66,7 @@ fn metadata(run: &Run) -> Value {
     let seconds = (run.frames as f64 / run.frames_per_s).ceil() as i64;
     let suffix = text(media.extension());
     let classes: BTreeMap<String, &str> =
-        COCO.iter().map(|(number, class)| (number.to_string(), class_name(*class))).collect();
+        COCO.iter().map(|(number, class)| (number.to_string(), class.name())).collect();
     json!({
         "otdet_version": OTDET_VERSION,
         "video": {
