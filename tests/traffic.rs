@@ -1,6 +1,7 @@
 //! Tests `roadplane traffic` on tracks of another program, and the tables that every run writes.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::process::Output;
 
 use crate::common::{json, names, roadplane, root};
 
@@ -16,6 +17,31 @@ fn table(path: &Path) {
     std::fs::write(path, text).unwrap();
 }
 
+/// A folder with such a table and with a file of gates.
+struct Trial {
+    dir: tempfile::TempDir,
+}
+
+impl Trial {
+    fn new(gates: &str) -> Self {
+        let trial = Self { dir: tempfile::tempdir().unwrap() };
+        table(&trial.path("t.csv"));
+        std::fs::write(trial.path("g.geojson"), gates).unwrap();
+        trial
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.dir.path().join(name)
+    }
+
+    /// Runs the command on the table.
+    fn run(&self, more: &[&str]) -> Output {
+        let mut command = roadplane();
+        command.arg("traffic").arg(self.path("t.csv")).arg("--out").arg(self.path("out")).args(more);
+        command.output().unwrap()
+    }
+}
+
 const GATES: &str = r#"{"type": "FeatureCollection", "coordinates": "metres", "features": [
     {"type": "Feature", "properties": {"name": "west"},
      "geometry": {"type": "LineString", "coordinates": [[-20.05, 10], [-20.05, 0]]}},
@@ -29,26 +55,13 @@ fn csv(path: &Path) -> Vec<Vec<String>> {
 
 #[test]
 fn tracks_of_another_program_are_counted_by_local_time() {
-    let dir = tempfile::tempdir().unwrap();
-    let (tracks, gates, out) =
-        (dir.path().join("t.csv"), dir.path().join("g.geojson"), dir.path().join("out"));
-    table(&tracks);
-    std::fs::write(&gates, GATES).unwrap();
-    let run = |more: &[&str]| {
-        let mut command = roadplane();
-        command.arg("traffic").arg(&tracks).arg("--gates").arg(&gates).arg("--out").arg(&out);
-        command.args(more).output().unwrap()
-    };
-    let done = run(&[
-        "--start",
-        "2026-10-25T01:59",
-        "--time-zone",
-        "Europe/Berlin",
-        "--every",
-        "1min",
-        "--units",
-        "mph",
-    ]);
+    let trial = Trial::new(GATES);
+    let (gates, out) = (trial.path("g.geojson"), trial.path("out"));
+    let gates = gates.to_str().unwrap();
+    let options =
+        ["--start", "2026-10-25T01:59", "--time-zone", "Europe/Berlin", "--every", "1min", "--units", "mph"];
+    let options = [&["--gates", gates][..], &options].concat();
+    let done = trial.run(&options);
     assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
     let counts = csv(&out.join("counts.csv"));
     let column = |name: &str| counts[0].iter().position(|column| column == name).unwrap();
@@ -72,30 +85,17 @@ fn tracks_of_another_program_are_counted_by_local_time() {
     assert!(names(&out).contains(&"traffic.html".to_owned()));
 
     // A finished folder is kept, and the same command gives the same bytes.
-    assert_eq!(run(&[]).status.code(), Some(2));
+    assert_eq!(trial.run(&options).status.code(), Some(2));
     let before = std::fs::read(out.join("traffic.json")).unwrap();
-    let again = run(&[
-        "--start",
-        "2026-10-25T01:59",
-        "--time-zone",
-        "Europe/Berlin",
-        "--every",
-        "1min",
-        "--units",
-        "mph",
-        "--overwrite",
-    ]);
+    let again = trial.run(&[&options[..], &["--overwrite"]].concat());
     assert!(again.status.success());
     assert_eq!(std::fs::read(out.join("traffic.json")).unwrap(), before);
 }
 
 #[test]
 fn faults_are_refused_before_anything_is_written() {
-    let dir = tempfile::tempdir().unwrap();
-    let (tracks, gates, out) =
-        (dir.path().join("t.csv"), dir.path().join("g.geojson"), dir.path().join("out"));
-    table(&tracks);
-    std::fs::write(&gates, GATES.replace("metres", "pixels")).unwrap();
+    let trial = Trial::new(&GATES.replace("metres", "pixels"));
+    let (gates, out) = (trial.path("g.geojson"), trial.path("out"));
     let gates = gates.to_str().unwrap();
     for (more, word) in [
         (vec!["--every", "7min"], "divides a day"),
@@ -104,13 +104,12 @@ fn faults_are_refused_before_anything_is_written() {
         (vec!["--gates", gates], "camera.json"),
         (vec!["--gates", "none.geojson"], "none.geojson"),
     ] {
-        let failed =
-            roadplane().arg("traffic").arg(&tracks).arg("--out").arg(&out).args(&more).output().unwrap();
+        let failed = trial.run(&more);
         let text = String::from_utf8_lossy(&failed.stderr).into_owned();
         assert!(failed.status.code() == Some(2) && text.contains(word), "{more:?}: {text}");
         assert!(!out.exists());
     }
-    let empty = dir.path().join("empty");
+    let empty = trial.path("empty");
     std::fs::create_dir(&empty).unwrap();
     let failed = roadplane().arg("traffic").arg(&empty).arg("--out").arg(&out).output().unwrap();
     assert!(String::from_utf8_lossy(&failed.stderr).contains("no result of a run"));

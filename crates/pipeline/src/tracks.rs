@@ -2,7 +2,7 @@
 
 pub(crate) mod activities;
 pub(crate) mod believe;
-mod body;
+pub(crate) mod body;
 pub(crate) mod cars;
 pub(crate) mod ground_contact;
 pub(crate) mod hidden;

@@ -18,7 +18,6 @@ use std::path::{Path, PathBuf};
 use roadplane_traffic::{
     Clock, ClockError, Figures, Site, SiteClip, TRAFFIC_SCHEMA, TrafficCamera, TrafficFile, find_scene,
 };
-
 use roadplane_write::{OutFile, Summary};
 
 use crate::PipelineError;
@@ -41,10 +40,8 @@ pub struct TrafficOptions {
 /// The figures of the command, with their input.
 #[derive(Debug)]
 pub struct TrafficReport {
-    /// The content of `traffic.json`.
+    /// The content of `traffic.json`, with all tables.
     pub file: TrafficFile,
-    /// The tables.
-    pub figures: Figures,
     /// The cameras with their vehicles.
     pub sites: Vec<Site>,
 }
@@ -130,15 +127,9 @@ fn report(
         units: tables.units,
         cameras: described,
         warnings,
-        counts: figures.counts.clone(),
-        speeds: figures.speeds.clone(),
-        speed_histogram: figures.speed_histogram.clone(),
-        headways: figures.headways.clone(),
-        flows: figures.flows.clone(),
-        zones: figures.zones.clone(),
-        conflicts: figures.conflicts.clone(),
+        figures,
     };
-    Ok(TrafficReport { file, figures, sites })
+    Ok(TrafficReport { file, sites })
 }
 
 /// Puts the gates and zones of a file into the worlds of clips.

@@ -167,14 +167,12 @@ impl Line {
         let right = Vector2::new(tangent.y, -tangent.x);
         let direction = if motion.dot(&right) > 0.0 { Direction::Forward } else { Direction::Backward };
         let ahead = if direction == Direction::Forward { right } else { -right };
-        let speed_across = (f64::from(state.speed_mps).abs() * state.forward().dot(&ahead).abs()).max(0.1);
-        let time_sd_s = state.own_variance_along(&ahead).sqrt() / speed_across;
         Crossing {
             vehicle,
             direction,
             time_s: state.time_s,
-            ends_s: self.ends_at(body, state.time_s, speed_across),
-            time_sd_s,
+            ends_s: self.ends_at(body, state.time_s, state.speed_along(&ahead)),
+            time_sd_s: state.passing_sd_s(&ahead),
             state,
             along_m,
             depths: Depths {
@@ -257,7 +255,6 @@ impl Line {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use roadplane_base::VehicleClass;
 
     fn gate() -> Gate {
         Gate {
@@ -277,14 +274,7 @@ mod tests {
             own_sd_m: [sd; 2],
             ..State::default()
         };
-        Vehicle {
-            track: 1,
-            class: VehicleClass::Car,
-            length_m: 4.0,
-            width_m: 2.0,
-            exists_p: 1.0,
-            states: xs.iter().enumerate().map(state).collect(),
-        }
+        Vehicle::car(xs.iter().enumerate().map(state).collect())
     }
 
     fn drive(from: f64, to: f64) -> Vec<f64> {

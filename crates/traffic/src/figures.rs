@@ -4,33 +4,10 @@ use crate::clock::Clock;
 use crate::conflicts::{ConflictLimits, conflicts};
 use crate::flows::Journeys;
 use crate::gate_figures::gate_figures;
-use crate::records::{
-    ConflictRow, CountRow, CrossingRow, FlowRow, HeadwayRow, HistogramRow, SpeedRow, ZoneRow,
-};
+use crate::records::{ConflictRow, Figures};
 use crate::site::Site;
 use crate::zone_figures::zone_figures;
 use crate::{Conflict, Direction, SiteClip};
-
-/// The tables of one camera.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Figures {
-    /// Numbers of vehicles by gate.
-    pub counts: Vec<CountRow>,
-    /// Speeds by gate.
-    pub speeds: Vec<SpeedRow>,
-    /// Histograms of speeds by gate.
-    pub speed_histogram: Vec<HistogramRow>,
-    /// Headways by gate.
-    pub headways: Vec<HeadwayRow>,
-    /// Vehicles by first and last gate.
-    pub flows: Vec<FlowRow>,
-    /// Figures by zone.
-    pub zones: Vec<ZoneRow>,
-    /// Every crossing of a gate.
-    pub crossings: Vec<CrossingRow>,
-    /// Conflicts between vehicles, in the order of time.
-    pub conflicts: Vec<ConflictRow>,
-}
 
 impl Figures {
     /// Computes all tables of a camera. Rows are sorted by place, direction, period and class, crossings by time.
@@ -40,10 +17,9 @@ impl Figures {
         let mut figures = Self::default();
         let mut journeys = Journeys::default();
         for gate in 0..site.clips.first().map_or(0, |clip| clip.gates.len()) {
-            for direction in Direction::ALL {
-                let passages = site.passages(gate, direction, &periods);
+            for (direction, passages) in Direction::ALL.into_iter().zip(site.passages(gate, &periods)) {
                 journeys.add(gate, direction, &passages);
-                figures.add_gate(gate_figures(site, gate, direction, &passages, &periods, clock));
+                figures.extend(gate_figures(site, gate, direction, &passages, &periods, clock));
             }
         }
         figures.crossings.sort_by(|a, b| {
@@ -64,26 +40,6 @@ impl Figures {
         }
         figures
     }
-
-    /// Adds the tables of another camera.
-    pub fn extend(&mut self, other: Self) {
-        self.flows.extend(other.flows);
-        self.zones.extend(other.zones);
-        self.crossings.extend(other.crossings);
-        self.conflicts.extend(other.conflicts);
-        self.counts.extend(other.counts);
-        self.speeds.extend(other.speeds);
-        self.speed_histogram.extend(other.speed_histogram);
-        self.headways.extend(other.headways);
-    }
-
-    fn add_gate(&mut self, gate: crate::gate_figures::GateFigures) {
-        self.counts.extend(gate.counts);
-        self.speeds.extend(gate.speeds);
-        self.speed_histogram.extend(gate.speed_histogram);
-        self.headways.extend(gate.headways);
-        self.crossings.extend(gate.crossings);
-    }
 }
 
 #[cfg(test)]
@@ -102,14 +58,7 @@ mod tests {
             scale_sd: 0.02,
             ..State::default()
         };
-        Vehicle {
-            track,
-            class,
-            length_m: 4.0,
-            width_m: 2.0,
-            exists_p: 1.0,
-            states: (0..=100).map(state).collect(),
-        }
+        Vehicle { track, class, ..Vehicle::car((0..=100).map(state).collect()) }
     }
 
     fn clip(name: &str, start_s: f64, vehicles: Vec<Vehicle>) -> SiteClip {

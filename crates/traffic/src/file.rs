@@ -5,7 +5,7 @@ use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
 use crate::clock::Clock;
-use crate::records::{ConflictRow, CountRow, FlowRow, HeadwayRow, HistogramRow, SpeedRow, ZoneRow};
+use crate::records::Figures;
 use crate::site::{Site, SiteClip};
 
 /// Schema id of `traffic.json`.
@@ -20,6 +20,29 @@ pub enum Units {
     Kmh,
     /// Miles per hour.
     Mph,
+}
+
+/// Kilometres in a mile.
+const KM_PER_MILE: f64 = 1.609_344;
+
+impl Units {
+    /// Converts a speed from km/h.
+    #[must_use]
+    pub fn of_kmh(self, kmh: f64) -> f64 {
+        match self {
+            Self::Kmh => kmh,
+            Self::Mph => kmh / KM_PER_MILE,
+        }
+    }
+
+    /// Returns the name of the unit on pages.
+    #[must_use]
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Kmh => "km/h",
+            Self::Mph => "mph",
+        }
+    }
 }
 
 /// The figures of traffic: one object for all cameras. The rows of its lists are also in a table each.
@@ -39,20 +62,9 @@ pub struct TrafficFile {
     pub cameras: Vec<TrafficCamera>,
     /// Warnings about the figures, one sentence each.
     pub warnings: Vec<String>,
-    /// Numbers of vehicles by gate.
-    pub counts: Vec<CountRow>,
-    /// Speeds by gate.
-    pub speeds: Vec<SpeedRow>,
-    /// Histograms of speeds by gate.
-    pub speed_histogram: Vec<HistogramRow>,
-    /// Headways by gate.
-    pub headways: Vec<HeadwayRow>,
-    /// Numbers of vehicles by first and last gate.
-    pub flows: Vec<FlowRow>,
-    /// Figures by zone.
-    pub zones: Vec<ZoneRow>,
-    /// Conflicts between vehicles.
-    pub conflicts: Vec<ConflictRow>,
+    /// The tables.
+    #[serde(flatten)]
+    pub figures: Figures,
 }
 
 /// A camera and its clips.

@@ -4,28 +4,18 @@ use std::collections::BTreeMap;
 
 use crate::clock::Clock;
 use crate::passages::{Headway, Passage};
-use crate::records::{CountRow, CrossingRow, Group, HeadwayRow, HistogramRow, SpeedRow};
-use crate::site::{Period, Site, SiteClip, classes};
+use crate::records::{CountRow, CrossingRow, Figures, Group, HeadwayRow, HistogramRow, SpeedRow};
+use crate::site::{Period, Site, classes};
 use crate::{Crossing, Direction, Measured, Speed, count_interval, percentile, space_mean, time_mean};
 
 /// Expected share of vehicles that have no track. Source: on four clips that were not used for development, 86 vehicles
 /// were counted by eye, and 85 by the program. The share is (1 + 1/2) / (86 + 1), the mean with Jeffreys' prior.
-pub const MISSED_SHARE: f64 = 0.017;
+const MISSED_SHARE: f64 = 0.017;
 /// Width of the classes of the speed histogram, km/h.
 const HISTOGRAM_KMH: f64 = 5.0;
 const KMH_PER_MPS: f64 = 3.6;
 
-/// The tables of one gate in one direction.
-#[derive(Default)]
-pub(crate) struct GateFigures {
-    pub(crate) counts: Vec<CountRow>,
-    pub(crate) speeds: Vec<SpeedRow>,
-    pub(crate) speed_histogram: Vec<HistogramRow>,
-    pub(crate) headways: Vec<HeadwayRow>,
-    pub(crate) crossings: Vec<CrossingRow>,
-}
-
-/// Adds the figures of a gate in one direction. `passages` has the possible crossings in the order of time.
+/// Returns the tables of a gate in one direction. `passages` has the possible crossings in the order of time.
 pub(crate) fn gate_figures(
     site: &Site,
     gate: usize,
@@ -33,11 +23,11 @@ pub(crate) fn gate_figures(
     passages: &[Passage<'_>],
     periods: &[Period],
     clock: &Clock,
-) -> GateFigures {
-    let mut figures = GateFigures::default();
+) -> Figures {
+    let mut figures = Figures::default();
     let place = &site.clips[0].gates[gate].name;
     let shared_sd_m = site.clips.iter().map(|clip| clip.gates[gate].shared_sd_m).fold(0.0, f64::max);
-    let has_sds = site.clips.iter().all(SiteClip::has_sds);
+    let has_sds = site.has_sds();
     for (index, period) in periods.iter().enumerate() {
         for class in classes() {
             let here: Vec<&Passage<'_>> = passages

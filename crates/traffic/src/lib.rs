@@ -12,7 +12,7 @@
 //! - `scene.rs`, `scene/`: arms, lanes and stop lines, found from the paths
 //! - `clock.rs`: local time and periods
 //! - `site.rs`, `passages.rs`: the clips of a camera, periods, passages over a gate with headways
-//! - `figures.rs` (`gate_figures.rs`, `flows.rs`), `records.rs`: the tables of a camera, and their rows
+//! - `figures.rs` (`gate_figures.rs`, `flows.rs`): the figures of a camera; `records.rs`: the tables and their rows
 //! - `file.rs`: `traffic.json`
 //! - `conflicts.rs`, `conflicts/`: post-encroachment time, time to collision, deceleration to avoid a crash
 //! - `normal.rs`: the normal distribution
@@ -42,11 +42,11 @@ pub use clock::{Clock, ClockError};
 pub use conflicts::{Conflict, ConflictKind, ConflictLimits, Projection, conflicts};
 pub use count::count_interval;
 pub use crossing::{Crossing, crossings};
-pub use figures::Figures;
 pub use file::{TRAFFIC_SCHEMA, TrafficCamera, TrafficClip, TrafficFile, TrafficPlace, Units};
 pub use gate::{Direction, Gate, Zone};
+pub use normal::SDS_95;
 pub use records::{
-    ConflictRow, CountRow, CrossingRow, FlowRow, Group, HeadwayRow, HistogramRow, SpeedRow, ZoneRow,
+    ConflictRow, CountRow, CrossingRow, Figures, FlowRow, Group, HeadwayRow, HistogramRow, SpeedRow, ZoneRow,
 };
 pub use scene::{Arm, Flow, Lane, Scene, Stay, StopLine, find_scene};
 pub use site::{Site, SiteClip};

@@ -2,9 +2,9 @@
 
 use roadplane_base::VehicleClass;
 
+use crate::Speed;
 use crate::crossing::{Crossing, crossings};
 use crate::site::{Period, Site, SiteClip};
-use crate::{Direction, Speed};
 
 /// A crossing, its clip, and its time in the camera's time.
 pub(crate) struct Passage<'a> {
@@ -30,9 +30,10 @@ impl Passage<'_> {
         self.probability >= 0.5
     }
 
-    /// Returns the time at which the front is on the line, in the camera's time, s.
-    fn front_s(&self) -> f64 {
-        self.crossing.ends_s[0] + self.clip.offset_s()
+    /// Returns the time at which the first end (0) or the last end (1) of the vehicle is on the line, in the camera's
+    /// time, s.
+    fn end_s(&self, end: usize) -> f64 {
+        self.crossing.ends_s[end] + self.clip.offset_s()
     }
 
     /// Returns the class of the vehicle.
@@ -52,35 +53,29 @@ impl Passage<'_> {
 }
 
 impl Site {
-    /// Returns the crossings of a gate in one direction, in the order of time, with their headways.
-    pub(crate) fn passages(&self, gate: usize, direction: Direction, periods: &[Period]) -> Vec<Passage<'_>> {
-        let mut passages = Vec::new();
+    /// Returns the crossings of a gate for each direction of [`Direction::ALL`](crate::Direction::ALL). They are in the order of time, with their
+    /// headways.
+    pub(crate) fn passages(&self, gate: usize, periods: &[Period]) -> [Vec<Passage<'_>>; 2] {
+        let mut by_direction = [Vec::new(), Vec::new()];
         for clip in &self.clips {
             for (index, vehicle) in clip.clip.vehicles.iter().enumerate() {
                 for crossing in crossings(&clip.gates[gate], index, vehicle) {
-                    if crossing.direction != direction {
-                        continue;
-                    }
                     let at_s = crossing.time_s + clip.offset_s();
                     let period = periods.partition_point(|p| p.from_s <= at_s).saturating_sub(1);
                     let exists_p = vehicle.exists_p;
                     let probability = exists_p * crossing.probability(0.0, 0.0);
-                    passages.push(Passage {
-                        clip,
-                        crossing,
-                        at_s,
-                        period,
-                        exists_p,
-                        probability,
-                        headway: None,
-                    });
+                    let passage =
+                        Passage { clip, crossing, at_s, period, exists_p, probability, headway: None };
+                    by_direction[passage.crossing.direction as usize].push(passage);
                 }
             }
         }
-        // In several lanes, the front that reaches the line first need not belong to the centre that does.
-        passages.sort_by(|a, b| a.front_s().total_cmp(&b.front_s()));
-        self.add_headways(&mut passages);
-        passages
+        for passages in &mut by_direction {
+            // In several lanes, the front that reaches the line first need not belong to the centre that does.
+            passages.sort_by(|a, b| a.end_s(0).total_cmp(&b.end_s(0)));
+            self.add_headways(passages);
+        }
+        by_direction
     }
 
     fn add_headways(&self, passages: &mut [Passage<'_>]) {
@@ -91,18 +86,15 @@ impl Site {
             }
             let leader = last.replace(i).map(|leader| &passages[leader]);
             let (Some(leader), follower) = (leader, &passages[i]) else { continue };
-            let time = |p: &Passage<'_>, end: usize| p.crossing.ends_s[end] + p.clip.offset_s();
-            let (from, to) = (time(leader, 0), time(follower, 0));
-            let followed: f64 =
-                self.clips.iter().map(|c| c.clip.followed_s(from - c.offset_s(), to - c.offset_s())).sum();
+            let (from, to) = (leader.end_s(0), follower.end_s(0));
             // A vehicle may have passed in time that was not followed. A millisecond is the precision of times here.
-            if followed < to - from - 1e-3 {
+            if self.followed_s(from, to) < to - from - 1e-3 {
                 continue;
             }
             let headway = Headway {
                 headway_s: to - from,
                 sd_s: leader.crossing.time_sd_s.hypot(follower.crossing.time_sd_s),
-                gap_s: to - time(leader, 1),
+                gap_s: to - leader.end_s(1),
             };
             passages[i].headway = Some(headway);
         }

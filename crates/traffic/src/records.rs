@@ -1,4 +1,4 @@
-//! The rows of the tables.
+//! The tables and their rows.
 //!
 //! Speeds are in km/h. If the user asks for miles per hour, the columns that end in `_kmh` end in `_mph` instead.
 
@@ -209,4 +209,40 @@ pub struct ConflictRow {
     /// The conflict.
     #[serde(flatten)]
     pub conflict: Conflict,
+}
+
+/// The tables.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct Figures {
+    /// Numbers of vehicles by gate.
+    pub counts: Vec<CountRow>,
+    /// Speeds by gate.
+    pub speeds: Vec<SpeedRow>,
+    /// Histograms of speeds by gate.
+    pub speed_histogram: Vec<HistogramRow>,
+    /// Headways by gate.
+    pub headways: Vec<HeadwayRow>,
+    /// Numbers of vehicles by first and last gate.
+    pub flows: Vec<FlowRow>,
+    /// Figures by zone.
+    pub zones: Vec<ZoneRow>,
+    /// Conflicts between vehicles.
+    pub conflicts: Vec<ConflictRow>,
+    /// Every crossing of a gate. It is only in the table `crossings`, not in `traffic.json`.
+    #[serde(skip)]
+    pub crossings: Vec<CrossingRow>,
+}
+
+impl Figures {
+    /// Adds the rows of other tables.
+    pub fn extend(&mut self, other: Self) {
+        self.counts.extend(other.counts);
+        self.speeds.extend(other.speeds);
+        self.speed_histogram.extend(other.speed_histogram);
+        self.headways.extend(other.headways);
+        self.flows.extend(other.flows);
+        self.zones.extend(other.zones);
+        self.conflicts.extend(other.conflicts);
+        self.crossings.extend(other.crossings);
+    }
 }

@@ -36,10 +36,12 @@ pub(crate) struct Period {
 }
 
 impl SiteClip {
+    /// Returns the time of the clip's time 0 in the camera's time, s.
     pub(crate) fn offset_s(&self) -> f64 {
         self.clip.start_s.unwrap_or(0.0)
     }
 
+    /// Whether the tracks have sds.
     pub(crate) fn has_sds(&self) -> bool {
         self.clip.scale_sd.is_some()
     }
@@ -67,12 +69,22 @@ impl Site {
         let period = |i: usize| {
             let from_s = begins[i];
             let to_s = begins.get(i + 1).copied().unwrap_or(f64::INFINITY).min(from_s + every_s);
-            let followed =
-                |clip: &SiteClip| clip.clip.followed_s(from_s - clip.offset_s(), to_s - clip.offset_s());
-            let followed_s = self.clips.iter().map(followed).sum();
+            let followed_s = self.followed_s(from_s, to_s);
             Period { from_s, to_s, followed_s, labels: [label(from_s), label(to_s)] }
         };
         (0..begins.len()).map(period).collect()
+    }
+
+    /// Returns the time in which vehicles were followed between two times of the camera, s.
+    pub(crate) fn followed_s(&self, from_s: f64, to_s: f64) -> f64 {
+        let of_clip =
+            |clip: &SiteClip| clip.clip.followed_s(from_s - clip.offset_s(), to_s - clip.offset_s());
+        self.clips.iter().map(of_clip).sum()
+    }
+
+    /// Whether the tracks of every clip have sds.
+    pub(crate) fn has_sds(&self) -> bool {
+        self.clips.iter().all(SiteClip::has_sds)
     }
 
     /// Whether every clip has a date.

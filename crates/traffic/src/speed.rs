@@ -4,8 +4,6 @@
 //! which average out, and the error of the metric scale, which all vehicles share. It does not say how well a few
 //! vehicles represent the traffic of other days.
 
-use crate::normal::SDS_95;
-
 /// A measured speed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Speed {
@@ -24,14 +22,6 @@ pub struct Measured {
     pub value: f64,
     /// Sd of the figure.
     pub sd: f64,
-}
-
-impl Measured {
-    /// Returns the ends of the interval of 95 %.
-    #[must_use]
-    pub fn interval(&self) -> [f64; 2] {
-        [self.value - SDS_95 * self.sd, self.value + SDS_95 * self.sd]
-    }
 }
 
 /// Returns the mean of speeds over vehicles (time-mean speed); `None` without speeds.

@@ -59,9 +59,9 @@ pub struct State {
     pub scale_sd: f32,
 }
 
-/// Longest time between two states that is bridged by interpolation, s. A vehicle has a state in every frame, except
-/// while it is out of the picture.
-pub(crate) const LONGEST_STEP_S: f64 = 1.1;
+/// Longest time between two states of a moving vehicle that is bridged by interpolation, s. Such a vehicle has a row in
+/// every frame, except while it is out of the picture.
+const LONGEST_STEP_S: f64 = 1.1;
 
 impl Clip {
     /// Returns the time in which vehicles were followed between two times, s.
@@ -98,6 +98,31 @@ impl State {
         (x * direction.x).powi(2) + (y * direction.y).powi(2)
     }
 
+    /// Returns the sd of the time at which the vehicle passes a line, s. `across` is the unit vector across the line.
+    #[must_use]
+    pub fn passing_sd_s(&self, across: &Vector2<f64>) -> f64 {
+        self.own_variance_along(across).sqrt() / self.speed_along(across)
+    }
+
+    /// Returns the absolute speed along a unit vector, m/s. It is at least 0.1 m/s, so that times stay finite.
+    #[must_use]
+    pub fn speed_along(&self, direction: &Vector2<f64>) -> f64 {
+        (f64::from(self.speed_mps) * self.forward().dot(direction)).abs().max(0.1)
+    }
+
+    /// Whether the vehicle has no gap between this state and a later one. A vehicle that rests at one place has a state at
+    /// the begin and at the end of its rest only.
+    #[must_use]
+    pub fn leads_to(&self, later: &Self) -> bool {
+        later.time_s - self.time_s <= LONGEST_STEP_S || self.rests_until(later)
+    }
+
+    /// Whether the vehicle is stationary at one place in this state and in a later one.
+    #[must_use]
+    pub fn rests_until(&self, later: &Self) -> bool {
+        self.speed_mps == 0.0 && later.speed_mps == 0.0 && self.position() == later.position()
+    }
+
     /// Returns the state between this state and a later one. `share` is 0 for this state and 1 for the later one.
     #[must_use]
     pub fn between(&self, later: &Self, share: f64) -> Self {
@@ -128,10 +153,7 @@ impl Vehicle {
 
     /// Returns pairs of consecutive states, without pairs that a gap separates.
     pub fn steps(&self) -> impl Iterator<Item = (&State, &State)> {
-        self.states
-            .windows(2)
-            .map(|pair| (&pair[0], &pair[1]))
-            .filter(|(a, b)| b.time_s - a.time_s <= LONGEST_STEP_S)
+        self.states.windows(2).map(|pair| (&pair[0], &pair[1])).filter(|(a, b)| a.leads_to(b))
     }
 
     /// Returns the interpolated state at a time (s); `None` before the first state, after the last state, and in a gap.
@@ -143,7 +165,35 @@ impl Vehicle {
             return Some(*later);
         }
         let earlier = self.states.get(next.checked_sub(1)?)?;
-        let step = later.time_s - earlier.time_s;
-        (step <= LONGEST_STEP_S).then(|| earlier.between(later, (time_s - earlier.time_s) / step))
+        let share = (time_s - earlier.time_s) / (later.time_s - earlier.time_s);
+        earlier.leads_to(later).then(|| earlier.between(later, share))
+    }
+}
+
+#[cfg(test)]
+impl Vehicle {
+    /// A car of 4 m × 2 m with these states.
+    pub(crate) fn car(states: Vec<State>) -> Self {
+        let class = VehicleClass::Car;
+        Self { track: 1, class, length_m: 4.0, width_m: 2.0, exists_p: 1.0, states }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rest_is_no_gap_but_a_lost_vehicle_is() {
+        let at = |time_s: f64, x_m: f64, speed_mps: f32| State { time_s, x_m, speed_mps, ..State::default() };
+        let vehicle = Vehicle::car(vec![
+            at(0.0, 5.0, 0.0),
+            at(600.0, 5.0, 0.0),
+            at(600.5, 6.0, 4.0),
+            at(603.0, 16.0, 4.0),
+        ]);
+        assert_eq!(vehicle.at(300.0).map(|state| (state.x_m, state.speed_mps)), Some((5.0, 0.0)));
+        assert!(vehicle.at(602.0).is_none() && vehicle.at(600.5).is_some());
+        assert_eq!(vehicle.steps().count(), 2);
     }
 }

@@ -46,7 +46,7 @@ pub fn visits(zone: &Zone, index: usize, vehicle: &Vehicle) -> Vec<Visit> {
                 visit.go_on(a, &at);
                 if !is {
                     visit.seen[1] = true;
-                    visit.sd_s = visit.sd_s.hypot(time_sd(&at));
+                    visit.sd_s = visit.sd_s.hypot(at.passing_sd_s(&at.forward()));
                     found.extend(open.take());
                 }
             }
@@ -65,7 +65,7 @@ impl Visit {
             vehicle,
             span_s: [at.time_s; 2],
             seen: [seen, false],
-            sd_s: if seen { time_sd(at) } else { 0.0 },
+            sd_s: if seen { at.passing_sd_s(&at.forward()) } else { 0.0 },
             stationary_s: 0.0,
             path_m: 0.0,
         }
@@ -91,11 +91,6 @@ impl Visit {
     pub fn within_s(&self, from_s: f64, to_s: f64) -> f64 {
         (self.span_s[1].min(to_s) - self.span_s[0].max(from_s)).max(0.0)
     }
-}
-
-/// Sd of the time at which a vehicle is at a place of its path, s.
-fn time_sd(at: &State) -> f64 {
-    at.own_variance_along(&at.forward()).sqrt() / f64::from(at.speed_mps).abs().max(0.1)
 }
 
 /// Returns where between two states the border of the zone lies, as a share, by bisection.
@@ -142,7 +137,6 @@ pub fn queue(states: &[(&Vehicle, State)]) -> Queue {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use roadplane_base::VehicleClass;
 
     fn zone() -> Zone {
         let outline = [[0.0, -5.0], [20.0, -5.0], [20.0, 5.0], [0.0, 5.0]];
@@ -155,14 +149,7 @@ mod tests {
             let next = xs.get(i + 1).copied().unwrap_or(x_m);
             State { time_s: i as f64, x_m, speed_mps: (next - x_m) as f32, ..State::default() }
         };
-        Vehicle {
-            track: 1,
-            class: VehicleClass::Car,
-            length_m: 4.0,
-            width_m: 2.0,
-            exists_p: 1.0,
-            states: xs.iter().enumerate().map(state).collect(),
-        }
+        Vehicle::car(xs.iter().enumerate().map(state).collect())
     }
 
     #[test]

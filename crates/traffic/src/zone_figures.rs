@@ -24,7 +24,7 @@ pub(crate) fn zone_figures(site: &Site, zone: usize, periods: &[Period]) -> Vec<
             let of_class = |(clip, visit): &&(usize, Visit)| {
                 class.is_none_or(|class| site.clips[*clip].clip.vehicles[visit.vehicle].class == class)
             };
-            let here: Vec<(usize, Visit)> = stays.iter().filter(of_class).cloned().collect();
+            let here: Vec<&(usize, Visit)> = stays.iter().filter(of_class).collect();
             if class.is_none() || !here.is_empty() {
                 rows.push(zone_row(site, site.group(&place, "", class, period), &here, period));
             }
@@ -34,17 +34,17 @@ pub(crate) fn zone_figures(site: &Site, zone: usize, periods: &[Period]) -> Vec<
 }
 
 /// Returns the figures of a zone in a period. `stays` are pairs of the index of a clip and a stay in it.
-fn zone_row(site: &Site, group: Group, stays: &[(usize, Visit)], period: &Period) -> ZoneRow {
-    let offset = |clip: usize| site.clips[clip].clip.start_s.unwrap_or(0.0);
+fn zone_row(site: &Site, group: Group, stays: &[&(usize, Visit)], period: &Period) -> ZoneRow {
+    let offset = |clip: usize| site.clips[clip].offset_s();
     let within = |t: f64| period.from_s <= t && t < period.to_s;
     let ended: Vec<&(usize, Visit)> = stays
         .iter()
+        .copied()
         .filter(|(clip, v)| v.seen == [true, true] && within(v.span_s[1] + offset(*clip)))
         .collect();
     let n = ended.len() as f64;
     let mean =
         |f: &dyn Fn(&Visit) -> f64| (n > 0.0).then(|| ended.iter().map(|(_, v)| f(v)).sum::<f64>() / n);
-    let has_sds = site.clips.iter().all(|clip| clip.clip.scale_sd.is_some());
     let sums = Sums::of(site, &group.place, stays, period);
     let followed = (period.followed_s > 0.0).then_some(period.followed_s);
     let length_m = sums.length_m;
@@ -55,7 +55,9 @@ fn zone_row(site: &Site, group: Group, stays: &[(usize, Visit)], period: &Period
             as u64,
         stays: ended.len() as u64,
         time_mean_s: mean(&Visit::time_s),
-        time_mean_sd_s: mean(&|v| v.sd_s.powi(2)).filter(|_| has_sds).map(|variance| (variance / n).sqrt()),
+        time_mean_sd_s: mean(&|v| v.sd_s.powi(2))
+            .filter(|_| site.has_sds())
+            .map(|variance| (variance / n).sqrt()),
         stationary_mean_s: mean(&|v| v.stationary_s),
         delay_mean_s: free_speed(stays).and_then(|free| mean(&|v| (v.time_s() - v.path_m / free).max(0.0))),
         occupancy: (sums.samples > 0).then(|| sums.occupied as f64 / sums.samples as f64),
@@ -71,7 +73,7 @@ fn zone_row(site: &Site, group: Group, stays: &[(usize, Visit)], period: &Period
 }
 
 /// Returns the median speed of vehicles that are never stationary in the zone, m/s.
-fn free_speed(stays: &[(usize, Visit)]) -> Option<f64> {
+fn free_speed(stays: &[&(usize, Visit)]) -> Option<f64> {
     let free =
         stays.iter().filter(|(_, v)| v.seen == [true, true] && v.stationary_s == 0.0 && v.path_m > 0.0);
     let mut speeds: Vec<f64> = free.map(|(_, v)| v.path_m / v.time_s()).collect();
@@ -96,10 +98,10 @@ struct Sums {
 }
 
 impl Sums {
-    fn of(site: &Site, place: &str, stays: &[(usize, Visit)], period: &Period) -> Self {
+    fn of(site: &Site, place: &str, stays: &[&(usize, Visit)], period: &Period) -> Self {
         let mut sums = Self::default();
         for (index, clip) in site.clips.iter().enumerate() {
-            let offset = clip.clip.start_s.unwrap_or(0.0);
+            let offset = clip.offset_s();
             let (from, to) = (period.from_s - offset, period.to_s - offset);
             let mut here: Vec<&Visit> = stays
                 .iter()

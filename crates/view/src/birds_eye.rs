@@ -7,6 +7,7 @@ use roadplane_base::{Camera, ImageSize, TrackRow};
 
 use crate::activities::{SHOWN, activity_colour, activity_intervals, words};
 use crate::overlay::track_colour;
+use crate::sheet::Sheet;
 
 /// Largest width and height of the plan in the drawing, px.
 const PLAN_PX: [f64; 2] = [1140.0, 760.0];
@@ -31,41 +32,15 @@ const MARGIN_M: f64 = 6.0;
 /// Tracks beyond this radius are not drawn. Otherwise a single far track would make all other tracks very small.
 const REACH: f64 = 1.6;
 
-/// The transformation from world coordinates (m) to coordinates in the drawing (px).
-struct Sheet {
-    /// Left, right, bottom and top edges of the plan in world coordinates, m.
-    edges_m: [f64; 4],
-    px_per_m: f64,
-    /// Whether the viewing direction of the camera points to the right. Otherwise it points up.
-    turned: bool,
-}
-
-impl Sheet {
-    /// Creates the sheet on which a plan with these edges (left, right, bottom, top, m) is largest.
-    fn new([mut left, mut right, bottom, top]: [f64; 4]) -> Self {
-        let (wide_m, high_m) = (right - left, top - bottom);
-        let turned = high_m > TURN_RATIO * wide_m;
-        if turned {
-            let more_m = (LEAST_RATIO * high_m - wide_m).max(0.0) / 2.0;
-            (left, right) = (left - more_m, right + more_m);
-        }
-        let [along_m, across_m] = if turned { [high_m, right - left] } else { [wide_m, high_m] };
-        let px_per_m = (PLAN_PX[0] / along_m).min(PLAN_PX[1] / across_m);
-        Self { edges_m: [left, right, bottom, top], px_per_m, turned }
+/// Returns the sheet for a plan with these edges: left, right, bottom, top, m. A narrow plan gets wider.
+fn sheet_of([mut left, mut right, bottom, top]: [f64; 4]) -> Sheet {
+    let (wide_m, high_m) = (right - left, top - bottom);
+    let turned = high_m > TURN_RATIO * wide_m;
+    if turned {
+        let more_m = (LEAST_RATIO * high_m - wide_m).max(0.0) / 2.0;
+        (left, right) = (left - more_m, right + more_m);
     }
-
-    fn at(&self, x_m: f64, y_m: f64) -> (f64, f64) {
-        let [left, _, bottom, top] = self.edges_m;
-        let right_and_down_m = if self.turned { [y_m - bottom, x_m - left] } else { [x_m - left, top - y_m] };
-        let [x, y] = right_and_down_m.map(|m| m * self.px_per_m);
-        (x, y)
-    }
-
-    /// Returns the width and height of the plan, px.
-    fn size_px(&self) -> (f64, f64) {
-        let [_, right, bottom, top] = self.edges_m;
-        if self.turned { self.at(right, top) } else { self.at(right, bottom) }
-    }
+    Sheet::fitted([left, right, bottom, top], turned, PLAN_PX)
 }
 
 /// Returns the view from above as SVG. `rows` contains the rows of all tracks, sorted by frame.
@@ -80,7 +55,7 @@ pub fn birds_eye(rows: &[TrackRow], camera: &Camera, size: ImageSize) -> String 
     }
     let reach_m = reach_m(&tracks);
     let beyond = tracks.values().filter(|rows| rows.iter().all(|row| distance_m(row) > reach_m)).count();
-    let sheet = Sheet::new(bounds_within(rows, reach_m));
+    let sheet = sheet_of(bounds_within(rows, reach_m));
     let (width, height) = sheet.size_px();
     let has_legend = tracks.values().any(|rows| activity_intervals(rows).next().is_some());
     let columns = if has_legend { ((width / LEGEND_ENTRY_PX) as usize).clamp(1, SHOWN.len()) } else { 1 };
@@ -371,9 +346,9 @@ mod tests {
 
     #[test]
     fn a_long_plan_is_turned_to_the_right_without_mirroring() {
-        let wide = Sheet::new([-30.0, 30.0, -3.0, 40.0]);
+        let wide = sheet_of([-30.0, 30.0, -3.0, 40.0]);
         assert!(!wide.turned && wide.at(-30.0, 40.0) == (0.0, 0.0));
-        let motorway = Sheet::new([-10.0, 50.0, -3.0, 237.0]);
+        let motorway = sheet_of([-10.0, 50.0, -3.0, 237.0]);
         assert!(motorway.turned);
         let (width, height) = motorway.size_px();
         assert!((width - PLAN_PX[0]).abs() < 1e-9 && (height - 285.0).abs() < 1e-9, "{width} {height}");
@@ -381,7 +356,7 @@ mod tests {
             (motorway.at(0.0, 20.0), motorway.at(0.0, 30.0), motorway.at(5.0, 20.0));
         assert!(ahead > x && level == y, "ahead of the camera is to the right");
         assert!(lower > y && beside == x, "right of the camera is below");
-        let lane = Sheet::new([-6.0, 6.0, -3.0, 397.0]).size_px();
+        let lane = sheet_of([-6.0, 6.0, -3.0, 397.0]).size_px();
         assert!((lane.1 / lane.0 - LEAST_RATIO).abs() < 1e-9);
     }
 

@@ -2,7 +2,7 @@
 //!
 //! # Contents
 //! - drawings in the picture: `overlay.rs`, `video.rs` (`labels.rs`, `canvas.rs`, `ground_cells.rs`)
-//! - the view from above: `birds_eye.rs`
+//! - the view from above: `birds_eye.rs` (`sheet.rs`)
 //! - the report: `report.rs`, `report/` (`crops.rs`, `histogram.rs`, `activities.rs`)
 //! - the page of traffic: `traffic.rs`, `traffic/`
 //! - warped pictures: `warp.rs`
@@ -21,6 +21,7 @@ mod labels;
 mod lines;
 mod overlay;
 mod report;
+mod sheet;
 mod traffic;
 mod video;
 mod warp;

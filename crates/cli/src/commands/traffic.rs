@@ -31,19 +31,11 @@ pub fn traffic(args: &TrafficArgs) -> anyhow::Result<Outcome> {
     let (parent, name) = split(&args.out)?;
     let existing = if args.overwrite { Existing::Overwrite } else { Existing::Refuse };
     let _lock = FolderLock::acquire(&parent).map_err(PipelineError::from)?;
-    let mut folder = OutputFolder::begin(&parent, &name, existing).map_err(PipelineError::from)?;
-    if folder.is_resumed() {
-        folder.reset().map_err(PipelineError::from)?;
-    }
-    let written = match write_traffic(&mut report, folder.path()) {
-        Ok(()) => folder.publish().map_err(PipelineError::from),
-        Err(error) => folder.discard().map_err(PipelineError::from).and(Err(error)),
-    };
-    let written = written?;
+    let written = OutputFolder::write(&parent, &name, existing, |folder| write_traffic(&mut report, folder))?;
     let vehicles: u64 = report.file.cameras.iter().flat_map(|c| &c.clips).map(|clip| clip.vehicles).sum();
     tracing::info!(
         "{vehicles} vehicles, {} crossings: {}",
-        report.figures.crossings.len(),
+        report.file.figures.crossings.len(),
         written.display()
     );
     Ok(Outcome::Done)

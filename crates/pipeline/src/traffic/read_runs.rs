@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use roadplane_base::{Homography, PictureVerdict, Shape, ShapeAtlas};
+use roadplane_geo::Fit;
 use roadplane_traffic::{Clip, Clock};
 use roadplane_write::{
     CameraFile, CameraSegment, FrameMotion, Summary, WriteError, read_camera, read_summary,
@@ -110,15 +111,7 @@ pub(super) fn read_run(
     start_s: Option<f64>,
 ) -> Result<Vec<RunClip>, PipelineError> {
     let camera = read_camera(&folder.join("camera.json"))?;
-    let place = folder.join("place.json");
-    let place = if place.is_file() {
-        let text = std::fs::read(&place)
-            .map_err(|source| PipelineError::Unreadable { source, path: place.clone() })?;
-        let fit = serde_json::from_slice(&text);
-        Some(fit.map_err(|e| WriteError::Malformed { what: e.to_string(), path: place.clone() })?)
-    } else {
-        None
-    };
+    let place = Fit::read(folder)?;
     let segments = camera.all();
     let world_of = worlds_of(segments);
     let mut worlds: Vec<Option<World>> = Vec::new();
@@ -127,7 +120,7 @@ pub(super) fn read_run(
         let motion = motion_in(&camera, segment);
         worlds.push(is_first.then(|| World::new(segment.estimate(), motion, place.clone())));
     }
-    let centre_m = mean_car_centre()?;
+    let centre_m = ShapeAtlas::shipped()?.body_middle_m(&Shape::zeros());
     let mut vehicles = Vehicles::default();
     read_track_samples(&folder.join("tracks.parquet"), |mut sample| {
         sample.segment = world_of.get(sample.segment).copied().unwrap_or(0);
@@ -196,13 +189,6 @@ fn merged(mut intervals: Vec<[f64; 2]>) -> Vec<[f64; 2]> {
         }
     }
     whole
-}
-
-/// Returns the distance from the origin of the mean car, midway between its axles, to the centre of its body, m.
-fn mean_car_centre() -> Result<f64, PipelineError> {
-    let forward = ShapeAtlas::shipped()?.keypoints_in_car(&Shape::zeros()).map(|point| point.x);
-    let ends = forward.iter().fold((0.0_f64, 0.0_f64), |(low, high), &x| (low.min(x), high.max(x)));
-    Ok((ends.0 + ends.1) / 2.0)
 }
 
 fn stem_of_run(folder: &Path) -> String {

@@ -8,6 +8,7 @@ use roadplane_traffic::{State, Vehicle};
 use roadplane_write::TrackSample;
 
 use super::world::World;
+use crate::tracks::body::body_of;
 
 /// Shortest time between two states of a vehicle, s. More states change no figure, but need memory.
 const LEAST_STEP_S: f64 = 0.095;
@@ -18,7 +19,7 @@ const SCALE_STEP_S: f64 = 1.0;
 #[derive(Default)]
 pub(super) struct Vehicles {
     tracks: BTreeMap<(usize, u64), Track>,
-    /// Whether every sample has sds.
+    /// Whether a sample has no sds.
     pub(super) lack_sds: bool,
     /// Times of the first and the last sample, s.
     pub(super) span_s: Option<[f64; 2]>,
@@ -39,17 +40,6 @@ struct Track {
 /// its vehicle when they were counted by eye. The share is (0 + 1/2) / (85 + 1), the mean with Jeffreys' prior.
 const FALSE_SHARE: f64 = 0.006;
 
-/// Typical length and width of a class, m, for tables without sizes. Source: means of the prior of each class in `base`
-/// and `track`, rounded.
-fn typical_size(class: VehicleClass) -> [f64; 2] {
-    match class {
-        VehicleClass::Car => [4.5, 1.8],
-        VehicleClass::Truck => [9.0, 2.5],
-        VehicleClass::Bus => [12.0, 2.5],
-        VehicleClass::Motorcycle => [2.2, 0.8],
-    }
-}
-
 impl Vehicles {
     /// Adds a sample. `centre_m` is the distance from a car's origin forward to the centre of its body, m.
     pub(super) fn add(&mut self, sample: &TrackSample, world: Option<&World>, centre_m: f64) {
@@ -62,7 +52,11 @@ impl Vehicles {
         self.lack_sds |= sample.own_sd_m.or(sample.sd_m).is_none();
         let class = sample.class.unwrap_or_default();
         let track = self.tracks.entry((sample.segment, sample.track)).or_insert_with(|| {
-            let [length_m, width_m] = sample.size_m.unwrap_or_else(|| typical_size(class));
+            // A table without sizes gets the means of the class.
+            let [length_m, width_m] = sample.size_m.unwrap_or_else(|| {
+                let dims_m = body_of(class).dims_m;
+                [dims_m.x, dims_m.y]
+            });
             Track {
                 vehicle: Vehicle {
                     track: sample.track,
@@ -119,7 +113,7 @@ impl Track {
         };
         let shared = speed * f64::from(scale_sd);
         let own = |sd: f64| (sd * sd - shared * shared).max(0.0).sqrt() as f32;
-        states.push(State {
+        let state = State {
             time_s: sample.time_s,
             x_m: x + self.centre_m * cos,
             y_m: y + self.centre_m * sin,
@@ -128,7 +122,12 @@ impl Track {
             own_sd_m: sample.own_sd_m.or(sample.sd_m).unwrap_or_default().map(|sd| sd as f32),
             own_speed_sd_mps: sample.speed_sd_mps.map_or(0.0, own),
             scale_sd,
-        });
+        };
+        // A parked vehicle has a row in every frame. The begin and the end of its rest say as much.
+        match states.as_mut_slice() {
+            [.., begin, end] if begin.rests_until(end) && end.rests_until(&state) => *end = state,
+            _ => states.push(state),
+        }
     }
 }
 
@@ -144,5 +143,33 @@ fn add_motion(states: &mut [State]) {
             states[i].speed_mps = (step.norm() / time_s) as f32;
         }
         states[i].heading_rad = heading;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_hour_of_rest_has_two_states() {
+        let mut vehicles = Vehicles::default();
+        for frame in 0..36_000 {
+            let moved_m = f64::from(frame - 35_990).max(0.0);
+            let sample = TrackSample {
+                time_s: f64::from(frame) / 10.0,
+                track: 1,
+                position_m: [moved_m, 20.0],
+                heading_rad: Some(0.0),
+                speed_mps: Some(if moved_m > 0.0 { 10.0 } else { 0.0 }),
+                ..TrackSample::default()
+            };
+            vehicles.add(&sample, None, 0.0);
+        }
+        let vehicle = &vehicles.finish(&[])[&0][0];
+        assert_eq!(vehicle.states.len(), 2 + 9);
+        let rest_s = vehicle.states[1].time_s - vehicle.states[0].time_s;
+        assert!((rest_s - 3599.0).abs() < 1e-9 && vehicle.steps().count() == 10);
+        // The table has no sizes, so the size is the mean of the class.
+        assert_eq!([vehicle.length_m, vehicle.width_m], [4.5, 1.8]);
     }
 }

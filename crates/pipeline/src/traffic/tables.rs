@@ -9,8 +9,6 @@ use serde_json::Value;
 
 use super::TrafficReport;
 
-/// Kilometres in a mile.
-const KM_PER_MILE: f64 = 1.609_344;
 /// Decimals of the numbers in tables.
 const DECIMALS: i32 = 4;
 
@@ -21,7 +19,7 @@ pub(super) fn write_all(report: &TrafficReport, folder: &Path) -> Result<(), Wri
     tidy(&mut whole, units);
     write_json(&folder.join("traffic.json"), &whole)?;
     drop(whole);
-    let figures = &report.figures;
+    let figures = &report.file.figures;
     let write = |name: &str, rows: Result<Vec<TableRow>, serde_json::Error>| {
         let path = folder.join(format!("{name}.csv"));
         let rows = rows.map_err(|e| WriteError::malformed(&path, e))?;
@@ -73,7 +71,7 @@ fn tidy(value: &mut Value, units: Units) {
 
 fn in_miles((name, value): (String, Value)) -> (String, Value) {
     match (name.strip_suffix("_kmh"), value.as_f64()) {
-        (Some(stem), Some(kmh)) => (format!("{stem}_mph"), (kmh / KM_PER_MILE).into()),
+        (Some(stem), Some(kmh)) => (format!("{stem}_mph"), Units::Mph.of_kmh(kmh).into()),
         (Some(stem), None) => (format!("{stem}_mph"), value),
         _ => (name, value),
     }

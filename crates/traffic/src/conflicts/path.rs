@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 
 use super::footprint::Footprint;
-use crate::{State, Vehicle, vehicle::LONGEST_STEP_S};
+use crate::{State, Vehicle};
 
 /// Shortest distance between two nodes that come from states, m. Steps of a stationary vehicle are noise.
 const SHORTEST_M: f64 = 0.4;
@@ -187,10 +187,9 @@ impl<'a> Path<'a> {
             return Some((*later, self.travelled_m[*next]));
         }
         let earlier = &states[next.checked_sub(1)?];
-        let step_s = later.time_s - earlier.time_s;
-        let share = (time_s - earlier.time_s) / step_s;
+        let share = (time_s - earlier.time_s) / (later.time_s - earlier.time_s);
         let [a, b] = [self.travelled_m[*next - 1], self.travelled_m[*next]];
-        (step_s <= LONGEST_STEP_S).then(|| (earlier.between(later, share), a + (b - a) * share))
+        earlier.leads_to(later).then(|| (earlier.between(later, share), a + (b - a) * share))
     }
 }
 

@@ -94,12 +94,26 @@ fn is_finite(state: &State) -> bool {
         && small.iter().all(|v| v.is_finite())
 }
 
-/// Whether a vehicle drives in the second after a time, or before it. `states` begin at that time.
+/// Whether a vehicle drives in the second after a time, or before it. `states` begin at that time. The mean of the speeds
+/// counts, and a rest that begins or ends in this second counts with its time.
 fn drives<'a>(states: impl Iterator<Item = &'a State>, time_s: f64) -> bool {
-    let near = states.take_while(|state| (state.time_s - time_s).abs() <= 1.0);
-    let (sum, count) =
-        near.fold((0.0, 0.0), |(sum, count), state| (sum + f64::from(state.speed_mps).abs(), count + 1.0));
-    count > 0.0 && sum / count >= QUEUE_MPS
+    let (mut last, mut path_m, mut driven_s): (Option<&State>, f64, f64) = (None, 0.0, 0.0);
+    for state in states {
+        let speed = f64::from(state.speed_mps).abs();
+        let Some(before) = last.replace(state) else {
+            path_m = speed;
+            continue;
+        };
+        let from_s = (before.time_s - time_s).abs();
+        let step_s = (state.time_s - time_s).abs().min(1.0) - from_s;
+        if from_s >= 1.0 || !before.leads_to(state) && !state.leads_to(before) {
+            break;
+        }
+        let mean = (speed + f64::from(before.speed_mps).abs()) / 2.0;
+        path_m = if driven_s == 0.0 { mean * step_s } else { path_m + mean * step_s };
+        driven_s += step_s;
+    }
+    last.is_some() && path_m / if driven_s > 0.0 { driven_s } else { 1.0 } >= QUEUE_MPS
 }
 
 /// Whether vehicles begin or end at a time because the clip does, or because vehicles could not be followed.

@@ -1,14 +1,11 @@
 //! Assembly of the page from its sections.
 
-use roadplane_traffic::{Direction, Group, Site, TrafficFile, Units};
+use roadplane_traffic::{Direction, Group, SDS_95, Site, TrafficFile};
 
 use super::charts::{Bar, bars};
 use super::plan::{heat_map, plan};
 use super::time_space::time_space;
 use crate::report::{STYLE, escape, put};
-
-/// Number of sds on either side of a value in its interval of 95 %.
-const SDS_95: f64 = 1.96;
 
 /// Returns the page as HTML text. `sites` are the cameras of the file.
 #[must_use]
@@ -42,8 +39,9 @@ pub fn traffic_html(file: &TrafficFile, sites: &[Site]) -> String {
 pub fn traffic_sections(file: &TrafficFile, sites: &[Site]) -> String {
     let mut page = String::new();
     for site in sites {
-        let crossed = file.counts.iter().any(|row| row.group.camera == site.name && row.vehicles > Some(0));
-        if crossed || !file.zones.is_empty() {
+        let crossed =
+            file.figures.counts.iter().any(|row| row.group.camera == site.name && row.vehicles > Some(0));
+        if crossed || !file.figures.zones.is_empty() {
             let number = if sites.len() > 1 { format!(": {}", escape(&site.name)) } else { String::new() };
             put(&mut page, format_args!("<h2>Traffic{number}</h2>\n"));
             camera(&mut page, file, site);
@@ -105,7 +103,7 @@ fn gate_section(
     direction: Direction,
 ) {
     let here = |group: &Group| is_here(group, site, place, direction.name());
-    let counts: Vec<_> = file.counts.iter().filter(|row| here(&row.group)).collect();
+    let counts: Vec<_> = file.figures.counts.iter().filter(|row| here(&row.group)).collect();
     let total: u64 = counts.iter().filter_map(|row| row.vehicles).sum();
     if total == 0 {
         return;
@@ -119,10 +117,7 @@ fn gate_section(
         };
         page.push_str(&bars("vehicles by period", &counts.iter().map(bar).collect::<Vec<_>>()));
     }
-    let (unit, factor) = match file.units {
-        Units::Kmh => ("km/h", 1.0),
-        Units::Mph => ("mph", 1.0 / 1.609_344),
-    };
+    let (unit, in_units) = (file.units.name(), |kmh: f64| file.units.of_kmh(kmh));
     page.push_str("<div class=\"scroll\"><table><thead><tr><th>from</th><th>vehicles</th><th>per hour</th>");
     put(
         page,
@@ -132,8 +127,8 @@ fn gate_section(
     );
     for row in &counts {
         let same = |group: &Group| here(group) && group.from == row.group.from;
-        let speeds = file.speeds.iter().find(|speeds| same(&speeds.group));
-        let headways = file.headways.iter().find(|headways| same(&headways.group));
+        let speeds = file.figures.speeds.iter().find(|speeds| same(&speeds.group));
+        let headways = file.figures.headways.iter().find(|headways| same(&headways.group));
         let range = match (row.vehicles_low, row.vehicles_high) {
             (Some(low), Some(high)) if low < high => format!(" ({low}–{high})"),
             _ => String::new(),
@@ -148,8 +143,8 @@ fn gate_section(
             ),
         );
         let speed = |value: f64, sd: Option<f64>| {
-            let sd = sd.map_or_else(String::new, |sd| format!(" ± {:.1}", SDS_95 * sd * factor));
-            format!("<td>{:.1}{sd}</td>", value * factor)
+            let sd = sd.map_or_else(String::new, |sd| format!(" ± {:.1}", in_units(SDS_95 * sd)));
+            format!("<td>{:.1}{sd}</td>", in_units(value))
         };
         match speeds {
             Some(s) => {
@@ -168,31 +163,32 @@ fn gate_section(
         put(page, format_args!("<td>{headway}</td></tr>\n"));
     }
     page.push_str("</table></div>\n");
-    histogram(page, file, &here, unit, factor);
-    if let Some(svg) = time_space(site, index, direction) {
+    histogram(page, file, &here);
+    if let Some(svg) = time_space(site, file, index, direction) {
         let caption = "Distance from the gate over time, one line per vehicle. The dashed line is the gate.";
         put(page, format_args!("<figure>{svg}<figcaption>{caption}</figcaption></figure>\n"));
     }
 }
 
 /// Appends the histogram of speeds over all periods.
-fn histogram(page: &mut String, file: &TrafficFile, here: &dyn Fn(&Group) -> bool, unit: &str, factor: f64) {
-    let rows: Vec<_> = file.speed_histogram.iter().filter(|row| here(&row.group)).collect();
+fn histogram(page: &mut String, file: &TrafficFile, here: &dyn Fn(&Group) -> bool) {
+    let rows: Vec<_> = file.figures.speed_histogram.iter().filter(|row| here(&row.group)).collect();
     let most = rows.iter().map(|row| row.below_kmh).fold(0.0, f64::max);
     let Some(width) = rows.first().map(|row| row.below_kmh - row.least_kmh) else { return };
     let bar = |bin: usize| {
         let least = bin as f64 * width;
         let number: u64 = rows.iter().filter(|r| r.least_kmh == least).map(|r| r.vehicles).sum();
-        Bar { label: format!("{:.0}", least * factor), value: Some(number as f64), interval: None }
+        Bar { label: format!("{:.0}", file.units.of_kmh(least)), value: Some(number as f64), interval: None }
     };
     let bins = (most / width).round() as usize;
+    let unit = file.units.name();
     let svg = bars("vehicles by speed", &(0..bins).map(bar).collect::<Vec<_>>());
     put(page, format_args!("<figure>{svg}<figcaption>Vehicles by speed, {unit}</figcaption></figure>\n"));
 }
 
 fn flows(page: &mut String, file: &TrafficFile, site: &Site) {
     let mut sums = std::collections::BTreeMap::<[&str; 4], u64>::new();
-    for row in file.flows.iter().filter(|r| r.group.camera == site.name && r.group.class == "all") {
+    for row in file.figures.flows.iter().filter(|r| r.group.camera == site.name && r.group.class == "all") {
         let key: [&str; 4] = [&row.group.place, &row.group.direction, &row.to_place, &row.to_direction];
         *sums.entry(key).or_default() += row.vehicles;
     }
@@ -219,7 +215,7 @@ fn flows(page: &mut String, file: &TrafficFile, site: &Site) {
 
 fn zones(page: &mut String, file: &TrafficFile, site: &Site) {
     let rows: Vec<_> =
-        file.zones.iter().filter(|r| r.group.camera == site.name && r.group.class == "all").collect();
+        file.figures.zones.iter().filter(|r| r.group.camera == site.name && r.group.class == "all").collect();
     if rows.is_empty() {
         return;
     }
@@ -258,7 +254,7 @@ const MOST_CONFLICTS: usize = 20;
 
 /// Appends the conflicts with the shortest times.
 fn conflicts(page: &mut String, file: &TrafficFile, site: &Site) {
-    let mut rows: Vec<_> = file.conflicts.iter().filter(|row| row.camera == site.name).collect();
+    let mut rows: Vec<_> = file.figures.conflicts.iter().filter(|row| row.camera == site.name).collect();
     if rows.is_empty() {
         return;
     }

@@ -7,6 +7,7 @@ use nalgebra::Vector2;
 use roadplane_traffic::{Site, TrafficFile, Vehicle};
 
 use crate::report::escape;
+use crate::sheet::Sheet;
 
 /// Largest width and height of a plan, px.
 const MOST_PX: [f64; 2] = [1080.0, 560.0];
@@ -19,66 +20,47 @@ const WIDEST_PX: f64 = 18.0;
 /// Size of a cell of the heat map, m.
 const CELL_M: f64 = 1.0;
 
-/// Transform from the ground to the sheet. The longer side of the ground is horizontal.
-struct Sheet {
-    corner: Vector2<f64>,
-    px_per_m: f64,
-    size_px: [f64; 2],
-    turned: bool,
+/// Returns the sheet that shows the central part of the paths: 1 % of the points on each side may lie outside. The longer
+/// side of the ground is horizontal.
+fn sheet_of(site: &Site) -> Option<Sheet> {
+    let (mut xs, mut ys): (Vec<f64>, Vec<f64>) =
+        vehicles(site).flat_map(|v| &v.states).step_by(7).map(|s| (s.x_m, s.y_m)).unzip();
+    let range = |values: &mut Vec<f64>| {
+        values.sort_by(f64::total_cmp);
+        let skipped = values.len() / 100;
+        Some([values.get(skipped)? - MARGIN_M, values.get(values.len() - 1 - skipped)? + MARGIN_M])
+    };
+    let ([left, right], [bottom, top]) = (range(&mut xs)?, range(&mut ys)?);
+    Some(Sheet::fitted([left, right, bottom, top], top - bottom > right - left, MOST_PX))
 }
 
-impl Sheet {
-    /// Returns the sheet that shows the central part of the paths: 1 % of the points on each side may lie outside.
-    fn of(site: &Site) -> Option<Self> {
-        let (mut xs, mut ys): (Vec<f64>, Vec<f64>) =
-            vehicles(site).flat_map(|v| &v.states).step_by(7).map(|s| (s.x_m, s.y_m)).unzip();
-        let range = |values: &mut Vec<f64>| {
-            values.sort_by(f64::total_cmp);
-            let skipped = values.len() / 100;
-            Some([values.get(skipped)? - MARGIN_M, values.get(values.len() - 1 - skipped)? + MARGIN_M])
-        };
-        let ([left, right], [bottom, top]) = (range(&mut xs)?, range(&mut ys)?);
-        let (width, height) = (right - left, top - bottom);
-        let turned = height > width;
-        let (along, across) = if turned { (height, width) } else { (width, height) };
-        let px_per_m = (MOST_PX[0] / along).min(MOST_PX[1] / across);
-        let corner = Vector2::new(left, if turned { bottom } else { top });
-        Some(Self { corner, px_per_m, size_px: [along * px_per_m, across * px_per_m], turned })
+/// Returns places in the drawing as the points of a line.
+fn points(sheet: &Sheet, points: impl Iterator<Item = [f64; 2]>) -> String {
+    let mut text = String::new();
+    for [x_m, y_m] in points {
+        let (x, y) = sheet.at(x_m, y_m);
+        let _infallible = write!(text, "{x:.1},{y:.1} ");
     }
+    text
+}
 
-    fn place(&self, x_m: f64, y_m: f64) -> [f64; 2] {
-        let (dx, dy) = ((x_m - self.corner.x) * self.px_per_m, (y_m - self.corner.y) * self.px_per_m);
-        // Turned, the viewing direction points to the right, and the right side of the world points down.
-        if self.turned { [dy, dx] } else { [dx, -dy] }
-    }
-
-    fn points(&self, points: impl Iterator<Item = [f64; 2]>) -> String {
-        let mut text = String::new();
-        for [x_m, y_m] in points {
-            let [x, y] = self.place(x_m, y_m);
-            let _infallible = write!(text, "{x:.1},{y:.1} ");
-        }
-        text
-    }
-
-    fn begin(&self, name: &str) -> String {
-        let [width, height] = self.size_px;
-        let mut svg = format!(
-            "<svg viewBox=\"0 0 {width:.0} {height:.0}\" width=\"{width:.0}\" role=\"img\" aria-label=\"{name}\" font-size=\"13\">\
-             <rect width=\"{width:.0}\" height=\"{height:.0}\" fill=\"var(--card)\"/>"
-        );
-        let bar_m =
-            [50.0, 20.0, 10.0, 5.0].into_iter().find(|m| m * self.px_per_m < width / 4.0).unwrap_or(5.0);
-        let (x, y) = (10.0, height - 10.0);
-        let _infallible = write!(
-            svg,
-            "<path d=\"M{x} {y:.0}h{:.1}\" stroke=\"var(--ink)\" stroke-width=\"2\"/>\
-             <text x=\"{x}\" y=\"{:.0}\" fill=\"var(--ink)\">{bar_m} m</text>",
-            bar_m * self.px_per_m,
-            y - 6.0
-        );
-        svg
-    }
+/// Begins a drawing with its background and a scale bar.
+fn begin(sheet: &Sheet, name: &str) -> String {
+    let (width, height) = sheet.size_px();
+    let mut svg = format!(
+        "<svg viewBox=\"0 0 {width:.0} {height:.0}\" width=\"{width:.0}\" role=\"img\" aria-label=\"{name}\" font-size=\"13\">\
+         <rect width=\"{width:.0}\" height=\"{height:.0}\" fill=\"var(--card)\"/>"
+    );
+    let bar_m = [50.0, 20.0, 10.0, 5.0].into_iter().find(|m| m * sheet.px_per_m < width / 4.0).unwrap_or(5.0);
+    let (x, y) = (10.0, height - 10.0);
+    let _infallible = write!(
+        svg,
+        "<path d=\"M{x} {y:.0}h{:.1}\" stroke=\"var(--ink)\" stroke-width=\"2\"/>\
+         <text x=\"{x}\" y=\"{:.0}\" fill=\"var(--ink)\">{bar_m} m</text>",
+        bar_m * sheet.px_per_m,
+        y - 6.0
+    );
+    svg
 }
 
 fn vehicles(site: &Site) -> impl Iterator<Item = &Vehicle> {
@@ -87,15 +69,15 @@ fn vehicles(site: &Site) -> impl Iterator<Item = &Vehicle> {
 
 /// Returns the plan with paths, gates, zones and volumes.
 pub(super) fn plan(site: &Site, file: &TrafficFile) -> Option<String> {
-    let sheet = Sheet::of(site)?;
-    let mut svg = sheet.begin("gates and volumes from above");
+    let sheet = sheet_of(site)?;
+    let mut svg = begin(&sheet, "gates and volumes from above");
     let mut put = |text: std::fmt::Arguments<'_>| {
         let _infallible = svg.write_fmt(text);
     };
     let every = vehicles(site).count().div_ceil(MOST_PATHS).max(1);
     for vehicle in vehicles(site).step_by(every) {
         let states = vehicle.states.iter().step_by(3).chain(vehicle.states.last());
-        let points = sheet.points(states.map(|s| [s.x_m, s.y_m]));
+        let points = points(&sheet, states.map(|s| [s.x_m, s.y_m]));
         put(format_args!(
             "<polyline points=\"{points}\" fill=\"none\" stroke=\"var(--soft)\" stroke-opacity=\".35\"/>"
         ));
@@ -104,14 +86,14 @@ pub(super) fn plan(site: &Site, file: &TrafficFile) -> Option<String> {
     let volumes = volumes(site, file);
     let most = volumes.values().copied().max().unwrap_or(0).max(1) as f64;
     for place in &camera.places {
-        let points = sheet.points(place.points_m.iter().copied());
+        let points = points(&sheet, place.points_m.iter().copied());
         let (name, colour) = (escape(&place.name), if place.is_zone { "#2f9e62" } else { "#d9480f" });
         let shape = if place.is_zone { "polygon" } else { "polyline" };
         put(format_args!(
             "<{shape} points=\"{points}\" fill=\"{}\" fill-opacity=\".15\" stroke=\"{colour}\" stroke-width=\"2.5\"/>",
             if place.is_zone { colour } else { "none" }
         ));
-        let Some([x, y]) = place.points_m.first().map(|[x, y]| sheet.place(*x, *y)) else { continue };
+        let Some((x, y)) = place.points_m.first().map(|[x, y]| sheet.at(*x, *y)) else { continue };
         put(format_args!("<text x=\"{x:.1}\" y=\"{:.1}\" fill=\"{colour}\">{name}</text>", y - 6.0));
         if place.is_zone {
             continue;
@@ -152,7 +134,7 @@ fn arrow(sheet: &Sheet, line: &[[f64; 2]], sign: f64) -> ([f64; 2], [f64; 2], [f
     let share = if sign > 0.0 { 0.35 } else { 0.65 };
     let middle = a + (b - a) * share;
     let length_m = 28.0 / sheet.px_per_m;
-    let place = |p: Vector2<f64>| sheet.place(p.x, p.y);
+    let place = |p: Vector2<f64>| <[f64; 2]>::from(sheet.at(p.x, p.y));
     (
         place(middle - right * length_m * 0.4),
         place(middle + right * length_m),
@@ -163,7 +145,9 @@ fn arrow(sheet: &Sheet, line: &[[f64; 2]], sign: f64) -> ([f64; 2], [f64; 2], [f
 /// Number of vehicles over all periods, by gate and direction.
 fn volumes<'a>(site: &Site, file: &'a TrafficFile) -> BTreeMap<(&'a str, &'a str), u64> {
     let mut volumes = BTreeMap::new();
-    for row in file.counts.iter().filter(|row| row.group.camera == site.name && row.group.class == "all") {
+    for row in
+        file.figures.counts.iter().filter(|row| row.group.camera == site.name && row.group.class == "all")
+    {
         *volumes.entry((row.group.place.as_str(), row.group.direction.as_str())).or_default() +=
             row.vehicles.unwrap_or(0);
     }
@@ -172,7 +156,7 @@ fn volumes<'a>(site: &Site, file: &'a TrafficFile) -> BTreeMap<(&'a str, &'a str
 
 /// Returns the heat map: the time that vehicles spend in each cell of the ground.
 pub(super) fn heat_map(site: &Site) -> Option<String> {
-    let sheet = Sheet::of(site)?;
+    let sheet = sheet_of(site)?;
     let mut cells: BTreeMap<(i64, i64), f64> = BTreeMap::new();
     for (a, b) in vehicles(site).flat_map(Vehicle::steps) {
         let cell = |v: f64| (v / CELL_M).floor() as i64;
@@ -183,12 +167,12 @@ pub(super) fn heat_map(site: &Site) -> Option<String> {
     times.sort_by(f64::total_cmp);
     // One parked vehicle must not hide the traffic, so the scale is logarithmic.
     let (least, most) = (times.first()?.ln(), times.last()?.ln());
-    let mut svg = sheet.begin("time that vehicles spend on each square metre");
-    let side = CELL_M * sheet.px_per_m;
+    let mut svg = begin(&sheet, "time that vehicles spend on each square metre");
+    let (side, (width, height)) = (CELL_M * sheet.px_per_m, sheet.size_px());
     for ((i, j), time_s) in cells {
         let share = if most > least { (time_s.ln() - least) / (most - least) } else { 1.0 };
-        let [x, y] = sheet.place((i as f64 + 0.5) * CELL_M, (j as f64 + 0.5) * CELL_M);
-        if !(0.0..sheet.size_px[0]).contains(&x) || !(0.0..sheet.size_px[1]).contains(&y) {
+        let (x, y) = sheet.at((i as f64 + 0.5) * CELL_M, (j as f64 + 0.5) * CELL_M);
+        if !(0.0..width).contains(&x) || !(0.0..height).contains(&y) {
             continue;
         }
         let hue = 240.0 * (1.0 - share);

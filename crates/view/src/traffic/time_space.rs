@@ -1,9 +1,10 @@
 //! Time–space diagram: the distance of each vehicle from a gate over time, for one direction.
 
+use std::collections::BTreeSet;
 use std::fmt::Write as _;
 
 use nalgebra::Vector2;
-use roadplane_traffic::{Direction, Site, crossings};
+use roadplane_traffic::{Direction, Site, SiteClip, TrafficFile, Vehicle};
 
 /// Size of the diagram, px.
 const SIZE_PX: [f64; 2] = [1040.0, 260.0];
@@ -13,19 +14,16 @@ const MARGIN_PX: f64 = 36.0;
 const LONGEST_S: f64 = 180.0;
 
 /// Returns the diagram of the first minutes of the clip with the most crossings of the gate; `None` without crossings.
-pub(super) fn time_space(site: &Site, gate: usize, direction: Direction) -> Option<String> {
-    let passing = |clip: &roadplane_traffic::SiteClip| -> Vec<usize> {
-        let crosses = |index: &usize| {
-            crossings(&clip.gates[gate], *index, &clip.clip.vehicles[*index])
-                .iter()
-                .any(|c| c.direction == direction && c.probability(0.0, 0.0) >= 0.5)
-        };
-        (0..clip.clip.vehicles.len()).filter(crosses).collect()
-    };
+pub(super) fn time_space(
+    site: &Site,
+    file: &TrafficFile,
+    gate: usize,
+    direction: Direction,
+) -> Option<String> {
     let (clip, passing) = site
         .clips
         .iter()
-        .map(|clip| (clip, passing(clip)))
+        .map(|clip| (clip, passing(site, file, clip, &clip.gates[gate].name, direction)))
         .max_by(|a, b| a.1.len().cmp(&b.1.len()))
         .filter(|(_, passing)| !passing.is_empty())?;
     let line = &clip.gates[gate].line;
@@ -33,13 +31,13 @@ pub(super) fn time_space(site: &Site, gate: usize, direction: Direction) -> Opti
     let sign = if direction == Direction::Forward { 1.0 } else { -1.0 };
     let ahead = Vector2::new(along.y, -along.x) * sign;
     let middle = line.iter().sum::<Vector2<f64>>() / line.len() as f64;
-    let first = passing.iter().map(|&i| clip.clip.vehicles[i].span_s()[0]).fold(f64::INFINITY, f64::min);
-    let end = passing.iter().map(|&i| clip.clip.vehicles[i].span_s()[1]).fold(0.0, f64::max);
+    let first = passing.iter().map(|vehicle| vehicle.span_s()[0]).fold(f64::INFINITY, f64::min);
+    let end = passing.iter().map(|vehicle| vehicle.span_s()[1]).fold(0.0, f64::max);
     let span_s = (end - first).clamp(1.0, LONGEST_S);
     let mut paths: Vec<Vec<[f64; 2]>> = Vec::new();
     let (mut low, mut high) = (0.0_f64, 0.0_f64);
-    for &index in &passing {
-        let states = clip.clip.vehicles[index].states.iter().filter(|s| s.time_s - first <= span_s);
+    for vehicle in &passing {
+        let states = vehicle.states.iter().filter(|s| s.time_s - first <= span_s);
         let path: Vec<[f64; 2]> =
             states.map(|s| [s.time_s - first, (s.position() - middle).dot(&ahead)]).collect();
         for [_, place] in &path {
@@ -74,4 +72,19 @@ pub(super) fn time_space(site: &Site, gate: usize, direction: Direction) -> Opti
     }
     svg.push_str("</svg>\n");
     Some(svg)
+}
+
+/// Returns the vehicles of a clip that cross a gate in one direction.
+fn passing<'a>(
+    site: &Site,
+    file: &TrafficFile,
+    clip: &'a SiteClip,
+    gate: &str,
+    direction: Direction,
+) -> Vec<&'a Vehicle> {
+    let place = [&site.name, &clip.clip.name, gate, direction.name()];
+    let crossings = file.figures.crossings.iter();
+    let crossings = crossings.filter(|row| [&row.camera, &row.clip, &row.gate, &row.direction] == place);
+    let tracks: BTreeSet<u64> = crossings.map(|row| row.track).collect();
+    clip.clip.vehicles.iter().filter(|vehicle| tracks.contains(&vehicle.track)).collect()
 }
