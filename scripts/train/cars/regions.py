@@ -53,7 +53,8 @@ def pane(u: tuple[float, float], v: tuple[float, float], side: int, grow: float 
 def quadrilateral(corners: list[tuple[float, float]]) -> list[Test]:
     """Inside a convex quadrilateral in (u, v)."""
     c = np.array(corners)
-    if np.cross(c[1] - c[0], c[2] - c[1]) < 0:
+    first, second = c[1] - c[0], c[2] - c[1]
+    if first[0] * second[1] < first[1] * second[0]:
         c = c[::-1]
 
     def edge(a: np.ndarray, b: np.ndarray) -> Test:

@@ -7,7 +7,7 @@ would give other cells to cars that today's net misses, and other targets after 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import torch
 
@@ -65,6 +65,10 @@ class Targets:
     classes: torch.Tensor  # [P]
     background: torch.Tensor  # [B, N] cells that show no vehicle
     ignored: torch.Tensor  # [B, N] cells that nothing is known of
+
+    def to(self, device: torch.device) -> Targets:
+        """Returns the targets on a device."""
+        return Targets(*(getattr(self, field.name).to(device, non_blocking=True) for field in fields(self)))
 
 
 def targets_of(cells: Cells, boxes: list[torch.Tensor], classes: list[torch.Tensor], ignored: list[torch.Tensor]) -> Targets:

@@ -21,6 +21,10 @@ class Cells:
     strides: torch.Tensor  # [N] px
     counts: tuple[int, ...]  # cells of each level
 
+    def to(self, device: torch.device) -> Cells:
+        """Returns the cells on a device."""
+        return Cells(self.centres.to(device), self.strides.to(device), self.counts)
+
 
 def cells_of(height: int, width: int) -> Cells:
     """Returns the cells of a picture of this size, px."""
@@ -43,7 +47,7 @@ def flat(levels: list[Level]) -> tuple[torch.Tensor, torch.Tensor]:
 
 def distances(bins: torch.Tensor) -> torch.Tensor:
     """Returns the mean of each side's distribution [..., 4], in cells."""
-    return bins.softmax(-1) @ torch.arange(BINS, dtype=bins.dtype)
+    return bins.softmax(-1) @ torch.arange(BINS, dtype=bins.dtype, device=bins.device)
 
 
 def boxes_from(centres: torch.Tensor, strides: torch.Tensor, sides: torch.Tensor) -> torch.Tensor:

@@ -2,30 +2,48 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 import torch
+from torch.utils.data import DataLoader, Dataset
 
+from roadplane_train.detect.assign import Targets, targets_of
 from roadplane_train.detect.augment import degrade, letterbox, random_view
+from roadplane_train.detect.boxes import cells_of
 from roadplane_train.detect.model import INPUT_PX
 from roadplane_train.detect.pictures import IGNORED, Picture
 
 
 @dataclass(frozen=True)
-class Batch:
-    """Inputs of the net with their vehicles."""
+class Images:
+    """Inputs of the net."""
 
     image: torch.Tensor  # u8 [B, 3, n, n] RGB, channels last in memory
+    real: torch.Tensor  # [B] photographs, not renderings
+
+    def input(self, device: torch.device) -> torch.Tensor:
+        """Returns the net's input on a device, 0…1."""
+        image = self.image.to(device, non_blocking=True).float().div(255)
+        return image.contiguous(memory_format=torch.channels_last)
+
+
+@dataclass(frozen=True)
+class Batch(Images):
+    """Inputs of the net with their vehicles."""
+
     boxes: list[torch.Tensor]  # [n, 4] each
     classes: list[torch.Tensor]
     ignored: list[torch.Tensor]  # boxes [m, 4]
-    real: torch.Tensor  # [B]
 
-    def input(self) -> torch.Tensor:
-        """Returns the net's input, 0…1."""
-        return self.image.float().div(255)
+
+@dataclass(frozen=True)
+class Lesson(Images):
+    """Inputs of the net with the targets of its cells; few tensors, as processes exchange lessons."""
+
+    targets: Targets
 
 
 def batch_of(samples: list[tuple[np.ndarray, np.ndarray, np.ndarray, bool]]) -> Batch:
@@ -34,15 +52,15 @@ def batch_of(samples: list[tuple[np.ndarray, np.ndarray, np.ndarray, bool]]) -> 
     kept = [c != IGNORED for c in classes]
     return Batch(
         torch.from_numpy(np.stack(images)).permute(0, 3, 1, 2),
+        torch.tensor(real),
         [torch.from_numpy(b[k]) for b, k in zip(boxes, kept, strict=True)],
         [torch.from_numpy(c[k]) for c, k in zip(classes, kept, strict=True)],
         [torch.from_numpy(b[~k]) for b, k in zip(boxes, kept, strict=True)],
-        torch.tensor(real),
     )
 
 
-class Sampler:
-    """Draws batches from kinds of pictures, each kind with its share.
+class Sampler(Dataset[Lesson]):
+    """Draws lessons from kinds of pictures, each kind with its share.
 
     A sample depends on the seed, the step and its number alone. So a resumed training sees the same samples.
     """
@@ -55,10 +73,12 @@ class Sampler:
         total = sum(share for _, share in present)
         self.shares = [share / total for _, share in present]
         self.batch, self.seed, self.input_px = batch, seed, input_px
+        self.cells = cells_of(input_px, input_px)
 
-    def at(self, step: int) -> Batch:
-        """Returns the batch of a step."""
-        return batch_of([self._sample(np.random.default_rng([self.seed, step, k])) for k in range(self.batch)])
+    def __getitem__(self, step: int) -> Lesson:
+        """Returns the lesson of a step."""
+        batch = batch_of([self._sample(np.random.default_rng([self.seed, step, k])) for k in range(self.batch)])
+        return Lesson(batch.image, batch.real, targets_of(self.cells, batch.boxes, batch.classes, batch.ignored))
 
     def _sample(self, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray, np.ndarray, bool]:
         pictures = self.kinds[rng.choice(len(self.kinds), p=self.shares)]
@@ -68,20 +88,18 @@ class Sampler:
         return degrade(rng, view.pixels(picture.read())), boxes, classes, picture.real
 
 
-class Prefetch:
-    """Prepares the next batch while the net learns from the current one, on one more thread."""
-
-    def __init__(self, sampler: Sampler, step: int) -> None:
-        self.sampler, self.step = sampler, step
-        self.pool = ThreadPoolExecutor(1)
-        self.future = self.pool.submit(sampler.at, step)
-
-    def next(self) -> Batch:
-        """Returns the next batch."""
-        batch = self.future.result()
-        self.step += 1
-        self.future = self.pool.submit(self.sampler.at, self.step)
-        return batch
+def prepared(sampler: Sampler, steps: range, jobs: int) -> Iterator[Lesson]:
+    """Yields the lessons of steps, in order, and prepares the next ones meanwhile: on a thread, or in `jobs` processes."""
+    if jobs:
+        yield from DataLoader(sampler, batch_size=None, sampler=steps, num_workers=jobs)
+        return
+    with ThreadPoolExecutor(1) as pool:
+        future = pool.submit(sampler.__getitem__, steps.start)
+        for step in steps:
+            lesson = future.result()
+            if step + 1 < steps.stop:
+                future = pool.submit(sampler.__getitem__, step + 1)
+            yield lesson
 
 
 def whole_pictures(pictures: list[Picture], input_px: int = INPUT_PX) -> list[Batch]:

@@ -32,7 +32,7 @@ class Losses:
 
     def parts(self) -> dict[str, float]:
         """Returns the parts as numbers, for the log."""
-        return {name: float(getattr(self, name)) for name in ("score", "box", "bins", "distilled")}
+        return {name: float(getattr(self, name).detach()) for name in ("score", "box", "bins", "distilled")}
 
 
 def losses_of(
@@ -54,7 +54,7 @@ def losses_of(
     net has seen people and walls. The truth of renderings is complete, so the net unlearns false boxes on them.
     """
     picture, cell = targets.positive.unbind(1)
-    positive = torch.zeros(targets.background.shape, dtype=torch.bool)
+    positive = torch.zeros_like(targets.background)
     positive[picture, cell] = True
     sides = bins[picture, cell]
     strides, centres = cells.strides[cell], cells.centres[cell]
@@ -72,7 +72,7 @@ def losses_of(
     box = GIOU_WEIGHT * (giou_loss(found, targets.boxes) * weight).sum() / total
     side = distribution_focal(sides, reach.clamp(0, FARTHEST_CELLS)).mean(1)
     bin_loss = BINS_WEIGHT * (side * weight).sum() / total
-    distilled = torch.zeros(())
+    distilled = logits.new_zeros(())
     if original is not None and hold > 0:
         kept = (~positive & real.unsqueeze(1)).unsqueeze(2)
         distilled = hold * (quality_focal(logits[..., : original.shape[2]], original.sigmoid()) * kept).sum() / count

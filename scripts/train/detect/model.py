@@ -77,7 +77,7 @@ class Head(nn.Module):
     def forward(self, x: torch.Tensor) -> Level:
         tower = self.tower(x)
         # Three digits of bfloat16 are too few for the logits of the bins.
-        with torch.autocast("cpu", enabled=False):
+        with torch.autocast(x.device.type, enabled=False):
             return tuple(self.out(tower.float()).split([self.classes, 4 * BINS], 1))
 
 

@@ -17,7 +17,7 @@ torch = pytest.importorskip("torch", reason="PyTorch is missing (apt-get install
 
 from roadplane_train.cars.mesh import REPOSITORY
 from roadplane_train.detect.augment import PADDING, View, degrade, letterbox, random_view
-from roadplane_train.detect.data import Prefetch, Sampler, batch_of, whole_pictures
+from roadplane_train.detect.data import Sampler, batch_of, prepared, whole_pictures
 from roadplane_train.detect.frames import stills_of
 from roadplane_train.detect.outlines import bounds, octagon, visible_outline
 from roadplane_train.detect.panoramas import exposed, write_panoramas
@@ -152,13 +152,14 @@ def test_batches_depend_on_the_seed_and_the_step_alone(lots: list[Picture], mark
     def sampler() -> Sampler:
         return Sampler([lots[:5], [], [marked]], [0.7, 0.2, 0.3], 4, 9, 224)
 
-    first, ahead = sampler().at(3), Prefetch(sampler(), 2)
-    ahead.next()
-    again = ahead.next()
-    assert torch.equal(first.image, again.image)
-    assert all(torch.equal(a, b) for a, b in zip(first.boxes, again.boxes, strict=True))
-    assert not torch.equal(first.image, sampler().at(4).image)
-    assert first.image.shape == (4, 3, 224, 224) and float(first.input().max()) <= 1
+    first = sampler()[3]
+    for jobs in (0, 2):
+        _, again, after = prepared(sampler(), range(2, 5), jobs)
+        assert torch.equal(first.image, again.image)
+        assert torch.equal(first.targets.boxes, again.targets.boxes)
+        assert torch.equal(first.targets.positive, again.targets.positive)
+        assert not torch.equal(first.image, after.image)
+    assert first.image.shape == (4, 3, 224, 224) and float(first.input(torch.device("cpu")).max()) <= 1
     assert first.image.is_contiguous(memory_format=torch.channels_last)
     with pytest.raises(ValueError, match="no pictures"):
         Sampler([[], []], [0.5, 0.5], 4, 9)

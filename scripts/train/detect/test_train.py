@@ -89,14 +89,14 @@ def test_a_training_ends_with_a_net_that_the_product_can_run(
 def test_the_net_learns_one_picture(pictures: Path, tmp_path: Path) -> None:
     training = Training(parse_options(options(pictures, tmp_path, "one")))
     training.read_pictures()
-    batch = training.batches.next()
-    first = float(training.losses(batch).total())
+    lesson = next(training.lessons)
+    first = float(training.losses(lesson).total())
     optimiser = torch.optim.AdamW(training.net.parameters(), lr=2e-4)
     for _ in range(12):
         optimiser.zero_grad()
-        training.losses(batch).total().backward()
+        training.losses(lesson).total().backward()
         optimiser.step()
-    assert float(training.losses(batch).total()) < 0.8 * first
+    assert float(training.losses(lesson).total()) < 0.8 * first
 
 
 def test_presets_give_defaults_only() -> None:

@@ -20,9 +20,8 @@ import torch
 from torch import nn
 
 from roadplane_train.cars.mesh import REPOSITORY
-from roadplane_train.detect.assign import targets_of
 from roadplane_train.detect.boxes import cells_of, detections, flat
-from roadplane_train.detect.data import Batch, Prefetch, Sampler, whole_pictures
+from roadplane_train.detect.data import Batch, Lesson, Sampler, prepared, whole_pictures
 from roadplane_train.detect.loss import Losses, losses_of
 from roadplane_train.detect.metrics import Judged
 from roadplane_train.detect.model import CLASSES, INPUT_PX, NanoDet, with_classes
@@ -105,16 +104,17 @@ class Training:
         np.finfo(np.float32), np.finfo(np.float64)  # computed once, as NumPy warns where subnormals are zero
         torch.set_flush_denormal(True)  # else steps take many times as long
         torch.manual_seed(options.seed)
+        self.device = torch.device(options.device)
         self.folder = options.runs / options.run
         self.folder.mkdir(parents=True, exist_ok=True)
         net = read_net(options.start_from)
-        self.net = with_classes(net, max(net.classes, len(CLASSES))).to(memory_format=torch.channels_last)
-        self.original = read_net().to(memory_format=torch.channels_last)
+        self.net = with_classes(net, max(net.classes, len(CLASSES))).to(self.device, memory_format=torch.channels_last)
+        self.original = read_net().to(self.device, memory_format=torch.channels_last)
         self.optimiser = torch.optim.AdamW(self.net.parameters(), lr=options.rate, weight_decay=options.decay)
         self.average = Average(self.net)
         self.step, self.spent = 0, 0.0
         if (self.folder / "last.pt").exists():
-            state = torch.load(self.folder / "last.pt")
+            state = torch.load(self.folder / "last.pt", map_location=self.device)
             if state["classes"] != self.net.classes:
                 raise SystemExit(f"the run {options.run} has {state['classes']} classes: choose another --run")
             self.net.load_state_dict(state["net"])
@@ -122,7 +122,7 @@ class Training:
             self.average.weights, self.average.steps = state["average"], state["average_steps"]
             self.step, self.spent = state["step"], state["spent"]
             print(f"resuming at step {self.step}, {self.spent / 60:.1f} min")
-        self.cells = cells_of(options.input_px, options.input_px)
+        self.cells = cells_of(options.input_px, options.input_px).to(self.device)
         self.started = time.time()
 
     def read_pictures(self) -> None:
@@ -137,7 +137,7 @@ class Training:
             if any(kind >= 0 for picture in held_out for kind in picture.classes):
                 self.held_out[name] = whole_pictures(held_out[:PROBE_PICTURES], PROBE_PX)
         sampler = Sampler(list(kinds.values()), list(SHARES.values()), options.batch, options.seed, options.input_px)
-        self.batches = Prefetch(sampler, self.step)
+        self.lessons = prepared(sampler, range(self.step, options.steps), options.jobs)
         recipe = {name: str(value) for name, value in vars(options).items()}
         (self.folder / "recipe.json").write_text(json.dumps(recipe, indent=1))
         self.started = time.time()
@@ -146,25 +146,24 @@ class Training:
         """Returns the wall time so far, including earlier calls."""
         return self.spent + time.time() - self.started
 
-    def losses(self, batch: Batch) -> Losses:
-        """Returns the losses of a batch."""
-        image = batch.input().contiguous(memory_format=torch.channels_last)
-        hold = self.options.hold if bool(batch.real.any()) else 0.0
+    def losses(self, lesson: Lesson) -> Losses:
+        """Returns the losses of a lesson."""
+        image, real = lesson.input(self.device), lesson.real.to(self.device)
+        hold = self.options.hold if bool(lesson.real.any()) else 0.0
         original = None
-        with torch.autocast("cpu", enabled=HAS_BF16):
+        with fast(self.device):
             logits, bins = flat(self.net(image))
             if hold > 0:
                 with torch.no_grad():
                     original = torch.zeros_like(logits[..., : self.original.classes])
-                    original[batch.real] = flat(self.original(image[batch.real]))[0]
-        targets = targets_of(self.cells, batch.boxes, batch.classes, batch.ignored)
-        return losses_of(logits, bins, self.cells, targets, original, batch.real, hold)
+                    original[real] = flat(self.original(image[real]))[0]
+        return losses_of(logits, bins, self.cells, lesson.targets.to(self.device), original, real, hold)
 
     def advance(self) -> dict[str, float]:
         """Trains one step and returns the parts of its loss."""
         for group in self.optimiser.param_groups:
             group["lr"] = learning_rate(self.options.rate, self.step / self.options.steps)
-        losses = self.losses(self.batches.next())
+        losses = self.losses(next(self.lessons))
         self.optimiser.zero_grad(set_to_none=True)
         losses.total().backward()
         if math.isfinite(float(nn.utils.clip_grad_norm_(self.net.parameters(), LONGEST_GRADIENT))):
@@ -174,7 +173,7 @@ class Training:
         return losses.parts()
 
     def averaged(self) -> NanoDet:
-        """Returns the net with the averaged weights."""
+        """Returns the net with the averaged weights, on the CPU."""
         net = NanoDet(self.net.classes)
         net.load_state_dict(self.average.weights)
         return net.to(memory_format=torch.channels_last)
@@ -196,16 +195,23 @@ class Training:
 
     def probe(self) -> None:
         """Prints the figures of the averaged net on pictures that are held out."""
-        net = self.averaged()
+        net = self.averaged().to(self.device)
         for name, batches in self.held_out.items():
             figures = " ".join(f"{figure} {value:.1f}" for figure, value in probe(net, batches).items())
             print(f"  held out, {name}: {figures}", flush=True)
 
 
+def fast(device: torch.device) -> torch.autocast:
+    """Returns the context in which nets compute in bfloat16, where the device has instructions for it."""
+    return torch.autocast(device.type, dtype=torch.bfloat16, enabled=device.type == "cuda" or HAS_BF16)
+
+
 def found_in(net: NanoDet, batch: Batch, least: float = 0.05) -> np.ndarray:
     """Returns the boxes [n, 6] that the net finds in a batch of one picture, as `detections` does."""
-    with torch.no_grad(), torch.autocast("cpu", enabled=HAS_BF16):
-        (rows,) = detections(net(batch.input().contiguous(memory_format=torch.channels_last)), least)
+    device = net.mean.device
+    with torch.no_grad(), fast(device):
+        levels = net(batch.input(device))
+    (rows,) = detections([(scores.cpu(), bins.cpu()) for scores, bins in levels], least)
     return rows.numpy().astype(float)
 
 
@@ -245,7 +251,9 @@ def parse_options(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--decay", type=float, default=0.01, help="weight decay")
     parser.add_argument("--hold", type=float, default=1.0, help="weight of the original net's answers on photographs")
     parser.add_argument("--input-px", type=int, default=INPUT_PX, help="side of the net's input; a multiple of 32")
+    parser.add_argument("--device", default="cpu", help="cpu or cuda")
     parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=0, help="processes that prepare batches (0: one thread)")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--start-from", type=Path, default=ORIGINAL, help="ONNX file")
     options = parser.parse_args(arguments)

@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import argparse
 import time
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 
 import cv2
@@ -199,8 +201,8 @@ def render_clip(renderer: Renderer, pool: CarPool, seed: list[int], folder: Path
     write_clip_truth(folder, stem, clip, frames)
 
 
-def make(out: Path, plan: Preset, name: str, recipe: str) -> None:
-    """Makes the missing items, then `dataset.json` and the card."""
+def make(out: Path, plan: Preset, name: str, recipe: str, jobs: int = 1) -> None:
+    """Makes the missing items in a number of processes, then `dataset.json` and the card."""
     folder = out / "scenes"
     folder.mkdir(parents=True, exist_ok=True)
     for leftover in folder.glob("*.part*"):
@@ -210,6 +212,18 @@ def make(out: Path, plan: Preset, name: str, recipe: str) -> None:
     missing = [item for item in stems if not paths[item].exists()]
     if any(kind == "clip" for kind, _ in missing):
         ffmpeg()  # checked first, as stills take minutes
+    if jobs == 1:
+        make_items(folder, plan, missing)
+    else:
+        with ProcessPoolExecutor(jobs, get_context("spawn")) as pool:  # an OpenGL context does not survive a fork
+            list(pool.map(make_items, [folder] * jobs, [plan] * jobs, [missing[k::jobs] for k in range(jobs)]))
+    items = [f"scenes/{path.name}" for path in paths.values()]
+    write_json(out / "dataset.json", dataset_record(name, plan.split, plan.seed, items), indent=1)
+    write_card(out, recipe)
+
+
+def make_items(folder: Path, plan: Preset, missing: list[tuple[str, int]]) -> None:
+    """Renders items one after the other."""
     renderer = Renderer(shadow_size=4096) if missing else None
     pool = CarPool(renderer, plan.split, plan.seed, real_meshes(plan.split)) if renderer else None
     pool = VehiclePool(pool) if pool and plan.views else pool
@@ -227,9 +241,6 @@ def make(out: Path, plan: Preset, name: str, recipe: str) -> None:
         done += _cost((kind, number), plan)
         left = (time.monotonic() - start) / done * (work - done)
         print(f"{stem}: {count} of {len(missing)}, {left / 60:.1f} min left", flush=True)
-    items = [f"scenes/{path.name}" for path in paths.values()]
-    write_json(out / "dataset.json", dataset_record(name, plan.split, plan.seed, items), indent=1)
-    write_card(out, recipe)
 
 
 def _cost(item: tuple[str, int], plan: Preset) -> float:
@@ -266,6 +277,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int)
     parser.add_argument("--one-camera", action="store_true", default=None, help="makes clips of one camera on different days")
     parser.add_argument("--name", default="lots")
+    parser.add_argument("--jobs", type=int, default=1, help="processes that render at the same time")
     options = parser.parse_args()
     names = ("split", "stills", "clips", "seconds", "fps", "size", "drivers", "cars", "mbit", "seed", "one_camera")
     given = {name: getattr(options, name) for name in names if getattr(options, name) is not None}
@@ -278,7 +290,7 @@ def main() -> None:
         parser.error("--one-camera and --drivers exclude each other")
     words = [f"--preset {options.preset}"]
     words += [_word(key, value) for key, value in given.items()]
-    make(options.out, plan, options.name, f"roadplane-train render dataset --out DIR {' '.join(words)}")
+    make(options.out, plan, options.name, f"roadplane-train render dataset --out DIR {' '.join(words)}", options.jobs)
 
 
 if __name__ == "__main__":
