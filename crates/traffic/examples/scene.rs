@@ -61,6 +61,7 @@ fn read(file: &str) -> Result<Clip, String> {
             },
             length_m: value(7)?,
             width_m: value(8)?,
+            length_sd_m: 0.0,
             exists_p: 1.0,
             states: Vec::new(),
         });

@@ -21,8 +21,10 @@ pub struct Crossing {
     pub time_s: f64,
     /// Times at which the front and the rear of the vehicle are on the line, s, in the order of time.
     pub ends_s: [f64; 2],
-    /// Sd of the times from the vehicle's own position error, s.
+    /// Sd of `time_s` from the vehicle's own position error, s.
     pub time_sd_s: f64,
+    /// Sd of `ends_s` from the vehicle's own position error and the error of its length, s.
+    pub ends_sd_s: f64,
     /// State of the vehicle at `time_s`.
     pub state: State,
     /// Place of the crossing along the gate, from its first point, m.
@@ -167,12 +169,15 @@ impl Line {
         let right = Vector2::new(tangent.y, -tangent.x);
         let direction = if motion.dot(&right) > 0.0 { Direction::Forward } else { Direction::Backward };
         let ahead = if direction == Direction::Forward { right } else { -right };
+        let speed_mps = state.speed_along(&ahead);
+        let time_sd_s = state.passing_sd_s(&ahead);
         Crossing {
             vehicle,
             direction,
             time_s: state.time_s,
-            ends_s: self.ends_at(body, state.time_s, state.speed_along(&ahead)),
-            time_sd_s: state.passing_sd_s(&ahead),
+            ends_s: self.ends_at(body, state.time_s, speed_mps),
+            time_sd_s,
+            ends_sd_s: time_sd_s.hypot(body.length_sd_m / 2.0 / speed_mps),
             state,
             along_m,
             depths: Depths {

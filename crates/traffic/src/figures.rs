@@ -27,7 +27,7 @@ impl Figures {
         });
         figures.flows = journeys.flows(site, &periods);
         for zone in 0..site.clips.first().map_or(0, |clip| clip.zones.len()) {
-            figures.zones.extend(zone_figures(site, zone, &periods));
+            figures.extend(zone_figures(site, zone, &periods, clock));
         }
         for SiteClip { clip, .. } in &site.clips {
             let row = |conflict: Conflict| ConflictRow {

@@ -93,7 +93,7 @@ impl Site {
             }
             let headway = Headway {
                 headway_s: to - from,
-                sd_s: leader.crossing.time_sd_s.hypot(follower.crossing.time_sd_s),
+                sd_s: leader.crossing.ends_sd_s.hypot(follower.crossing.ends_sd_s),
                 gap_s: to - leader.end_s(1),
             };
             passages[i].headway = Some(headway);

@@ -197,6 +197,37 @@ pub struct CrossingRow {
     pub probability: f64,
 }
 
+/// A row of `stays`: one vehicle that is in one zone.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct StayRow {
+    /// Name of the camera.
+    pub camera: String,
+    /// Name of the clip.
+    pub clip: String,
+    /// Number of the track.
+    pub track: u64,
+    /// Class of the vehicle.
+    pub class: String,
+    /// Name of the zone.
+    pub zone: String,
+    /// Time at which the centre of the vehicle enters the zone, s in the clip. It is missing if the vehicle was not seen
+    /// to enter.
+    pub enters_s: Option<f64>,
+    /// Time at which the centre of the vehicle leaves the zone, s in the clip. It is missing if the vehicle was not seen to
+    /// leave.
+    pub leaves_s: Option<f64>,
+    /// Time in the zone, as far as the vehicle was followed, s.
+    pub stay_s: f64,
+    /// Sd of `stay_s` from the vehicle's own position error, s. It is missing for tracks without sds.
+    pub stay_sd_s: Option<f64>,
+    /// Time in which the vehicle was stationary, s.
+    pub stationary_s: f64,
+    /// Length of the vehicle's path in the zone, m.
+    pub path_m: f64,
+    /// Local time at which the stay begins, with its offset from UTC. It is missing if the date of the clip is unknown.
+    pub moment: Option<String>,
+}
+
 /// A row of `conflicts`: two vehicles that came close to a collision.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct ConflictRow {
@@ -231,6 +262,9 @@ pub struct Figures {
     /// Every crossing of a gate. It is only in the table `crossings`, not in `traffic.json`.
     #[serde(skip)]
     pub crossings: Vec<CrossingRow>,
+    /// Every stay in a zone. It is only in the table `stays`, not in `traffic.json`.
+    #[serde(skip)]
+    pub stays: Vec<StayRow>,
 }
 
 impl Figures {
@@ -244,5 +278,6 @@ impl Figures {
         self.zones.extend(other.zones);
         self.conflicts.extend(other.conflicts);
         self.crossings.extend(other.crossings);
+        self.stays.extend(other.stays);
     }
 }

@@ -30,6 +30,8 @@ pub struct Vehicle {
     pub class: VehicleClass,
     /// Length of the vehicle, m.
     pub length_m: f64,
+    /// Sd of the length, m; 0 if unknown.
+    pub length_sd_m: f64,
     /// Width of the vehicle without mirrors, m.
     pub width_m: f64,
     /// Probability that the vehicle exists, 0 to 1.
@@ -175,7 +177,7 @@ impl Vehicle {
     /// A car of 4 m × 2 m with these states.
     pub(crate) fn car(states: Vec<State>) -> Self {
         let class = VehicleClass::Car;
-        Self { track: 1, class, length_m: 4.0, width_m: 2.0, exists_p: 1.0, states }
+        Self { track: 1, class, length_m: 4.0, length_sd_m: 0.0, width_m: 2.0, exists_p: 1.0, states }
     }
 }
 

@@ -1,18 +1,19 @@
-//! Figures of a zone in one period.
+//! Figures of a zone: its stays, and figures of a period.
 
 use nalgebra::Vector2;
 
-use crate::records::{Group, ZoneRow};
+use crate::clock::Clock;
+use crate::records::{Figures, Group, StayRow, ZoneRow};
 use crate::site::{Period, Site, SiteClip, classes};
 use crate::zone::{Visit, queue, visits};
 
 /// Time between the samples of queues and of numbers in the zone, s.
 const SAMPLE_S: f64 = 1.0;
 
-/// Returns the figures of a zone by period and class. `zone` is the index of the zone.
-pub(crate) fn zone_figures(site: &Site, zone: usize, periods: &[Period]) -> Vec<ZoneRow> {
-    let mut rows = Vec::new();
-    let Some(place) = site.clips.first().map(|clip| clip.zones[zone].name.clone()) else { return rows };
+/// Returns the figures of a zone by period and class, and its stays. `zone` is the index of the zone.
+pub(crate) fn zone_figures(site: &Site, zone: usize, periods: &[Period], clock: &Clock) -> Figures {
+    let mut figures = Figures::default();
+    let Some(place) = site.clips.first().map(|clip| clip.zones[zone].name.clone()) else { return figures };
     let mut stays: Vec<(usize, Visit)> = Vec::new();
     for (i, clip) in site.clips.iter().enumerate() {
         for (index, vehicle) in clip.clip.vehicles.iter().enumerate() {
@@ -26,11 +27,33 @@ pub(crate) fn zone_figures(site: &Site, zone: usize, periods: &[Period]) -> Vec<
             };
             let here: Vec<&(usize, Visit)> = stays.iter().filter(of_class).collect();
             if class.is_none() || !here.is_empty() {
-                rows.push(zone_row(site, site.group(&place, "", class, period), &here, period));
+                figures.zones.push(zone_row(site, site.group(&place, "", class, period), &here, period));
             }
         }
     }
-    rows
+    let clock = site.is_dated().then_some(clock);
+    figures.stays = stays.iter().map(|(clip, visit)| stay_row(site, &place, *clip, visit, clock)).collect();
+    figures
+}
+
+fn stay_row(site: &Site, place: &str, clip: usize, visit: &Visit, clock: Option<&Clock>) -> StayRow {
+    let SiteClip { clip, .. } = &site.clips[clip];
+    let vehicle = &clip.vehicles[visit.vehicle];
+    let [enters_s, leaves_s] = [0, 1].map(|end| visit.seen[end].then_some(visit.span_s[end]));
+    StayRow {
+        camera: site.name.clone(),
+        clip: clip.name.clone(),
+        track: vehicle.track,
+        class: vehicle.class.name().to_owned(),
+        zone: place.to_owned(),
+        enters_s,
+        leaves_s,
+        stay_s: visit.time_s(),
+        stay_sd_s: site.has_sds().then_some(visit.sd_s),
+        stationary_s: visit.stationary_s,
+        path_m: visit.path_m,
+        moment: clock.zip(clip.start_s).map(|(clock, start)| clock.label(start + visit.span_s[0])),
+    }
 }
 
 /// Returns the figures of a zone in a period. `stays` are pairs of the index of a clip and a stay in it.

@@ -36,7 +36,8 @@ pub(super) fn write_all(report: &TrafficReport, folder: &Path) -> Result<(), Wri
     write("flows", rows(&figures.flows, units))?;
     write("zones", rows(&figures.zones, units))?;
     write("conflicts", rows(&figures.conflicts, units))?;
-    write("crossings", rows(&figures.crossings, units))
+    write("crossings", rows(&figures.crossings, units))?;
+    write("stays", rows(&figures.stays, units))
 }
 
 fn rows<T: Serialize>(rows: &[T], units: Units) -> Result<Vec<TableRow>, serde_json::Error> {

@@ -44,6 +44,11 @@ impl World {
         self.camera.image_size_px
     }
 
+    /// Returns the height of the camera above the ground, m.
+    pub(super) fn height_m(&self) -> f64 {
+        self.camera.params.log_height.exp()
+    }
+
     /// Whether the clip has a place on the map.
     pub(super) fn is_on_map(&self) -> bool {
         self.place.is_some()

@@ -246,6 +246,7 @@ mod tests {
             class: roadplane_base::VehicleClass::Car,
             length_m: 4.0,
             width_m: 2.0,
+            length_sd_m: 0.0,
             exists_p: 1.0,
             states: states.collect(),
         }

@@ -15,7 +15,8 @@ fn clip(vehicles: Vec<Vec<State>>) -> Clip {
         class: VehicleClass::Car,
         length_m: 4.4,
         width_m: 1.8,
-        exists_p: 1.0,
+        length_sd_m: 0.0,
+            exists_p: 1.0,
         states,
     };
     let vehicles = vehicles.into_iter().enumerate().map(vehicle).collect();
