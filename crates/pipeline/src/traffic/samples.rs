@@ -36,8 +36,8 @@ struct Track {
     last: TrackSample,
 }
 
-/// Share of counted vehicles that do not exist. Source: none of 85 vehicles that the program counted on four clips lacked
-/// its vehicle when they were counted by eye. The share is (0 + 1/2) / (85 + 1), the mean with Jeffreys' prior.
+/// Share of counted vehicles that do not exist. Source: one of 254 vehicles that the program counted on eleven clips lacked
+/// its vehicle when they were counted by eye. The share is (1 + 1/2) / (254 + 1), the mean with Jeffreys' prior.
 const FALSE_SHARE: f64 = 0.006;
 
 impl Vehicles {
