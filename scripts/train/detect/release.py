@@ -19,7 +19,7 @@ from roadplane_train.detect.product import MODELS, card_of
 from roadplane_train.detect.train import averaged_net
 
 # Chosen on held-out pictures, and on pictures without vehicles (models/detector.md).
-SHARE = 0.75
+SHARE = 0.9
 LICENCE = (
     "MIT OR Apache-2.0; original weights: Apache-2.0 (NanoDet), MIT (package), models/detector.LICENSE; "
     "pictures: CC BY and CC0, models/CREDITS.md"
@@ -58,7 +58,7 @@ def main() -> None:
     path = options.models / "detector.onnx"
     write_net(mixed(trained, options.share), path, half=True)
     card = card_of(path.read_bytes(), trained.classes) | {
-        "version": "2",
+        "version": "3",
         "licence": LICENCE,
         "source": "fine-tuned from models/detector_coco.onnx by scripts/train/detect (models/detector.md)",
         "how_made": {"command": f"roadplane-train detect release --share {options.share}"},
