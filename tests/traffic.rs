@@ -73,6 +73,8 @@ fn tracks_of_another_program_are_counted_by_local_time() {
         .collect();
     assert_eq!(east[..2], [("2026-10-25T01:59:00+02:00", "2"), ("2026-10-25T02:00:00+02:00", "2")]);
     assert_eq!(east.len(), 5);
+    let picture = std::fs::read_to_string(out.join("pictures/t-east-backward-periods.svg")).unwrap();
+    assert!(picture.starts_with("<svg xmlns=") && picture.contains("02:00: 2"), "{picture}");
     // Tracks without sds have no intervals.
     assert!(counts[1..].iter().all(|row| row[column("vehicles_low")].is_empty()));
     let speeds = csv(&out.join("speeds.csv"));

@@ -138,6 +138,7 @@ def main() -> None:
         "attempts": attempts(),
         "work": work(),
         "hours": vehicles_by_hour(),
+        "traffic": "traffic/traffic.html" if Path("traffic/traffic.html").is_file() else "",
         "cameras": epochs(args.roadplane, args.cameras),
     }
     drifts: dict[str, list[tuple[str, Json]]] = {}

@@ -5,6 +5,7 @@
 - `step.py first … STATUS PIECE_STATUS…`: joins pieces to estimate the clip's camera.
 - `step.py cameras … STATUS FIRST_STATUS…`: adds the cameras of all clips to the camera database.
 - `step.py result … STATUS PIECE_STATUS…`: joins pieces with the stored camera.
+- `step.py traffic … STATUS RESULT_STATUS…`: tables of traffic by camera and period, and their page, in traffic/.
 - `step.py verdict night.json`: exits with 1 if a machine failed for good.
 
 The exit code of roadplane decides. 0 and 3 (the input is damaged, lost or partly followed) count as finished. With any
@@ -173,6 +174,19 @@ def cameras(args: argparse.Namespace) -> None:
     write_json(args.status, status)
 
 
+def traffic(args: argparse.Namespace) -> None:
+    made = [status["made"] for status in map(read_json, args.of) if "made" in status]
+    status: Json = {"outcome": "done", "clips": len(made)}
+    if made:
+        command = ["traffic", *made, "--every", args.every, "--time-zone", args.time_zone, "--out", "traffic", "--overwrite"]
+        command += ["--camera-id", args.camera_id] if args.camera_id else []
+        ended, _ = call(args.roadplane, command, "traffic")
+        status |= ended
+        if ended["exit"] not in (0, INPUT_AT_FAULT):
+            return give_up(args, status)
+    write_json(args.status, status)
+
+
 def verdict(args: argparse.Namespace) -> None:
     failed = [clip["stem"] for clip in read_json(args.status)["clips"] if clip["outcome"] == "failed"]
     if failed:
@@ -182,7 +196,8 @@ def verdict(args: argparse.Namespace) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--roadplane", default="roadplane")
-    steps = {"plan": plan, "piece": piece, "first": join, "cameras": cameras, "result": join, "verdict": verdict}
+    steps = {"plan": plan, "piece": piece, "first": join, "cameras": cameras, "result": join, "traffic": traffic}
+    steps["verdict"] = verdict
     parser.add_argument("step", choices=steps)
     parser.add_argument("--settings", default="")
     parser.add_argument("--attempt", type=int, default=1)
@@ -190,6 +205,8 @@ def main() -> None:
     parser.add_argument("--piece")
     parser.add_argument("--camera-id", default="")
     parser.add_argument("--cameras")
+    parser.add_argument("--every", default="1h")
+    parser.add_argument("--time-zone", default="UTC")
     parser.add_argument("status")
     parser.add_argument("of", nargs="*")
     args = parser.parse_args()

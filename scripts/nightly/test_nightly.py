@@ -71,6 +71,24 @@ class Steps(unittest.TestCase):
             step.main()
         self.assertEqual(json.loads(Path("steps/result/clip.json").read_text())["outcome"], "lost")
 
+    def test_traffic_of_all_results_with_their_cameras(self) -> None:
+        for name, made in (("a", {"made": "results/a"}), ("b", {"outcome": "lost"}), ("c", {"made": "results/c"})):
+            step.write_json(f"steps/result/{name}.json", made)
+        calls: list[list[str]] = []
+
+        def call(_: str, arguments: list[str], __: str) -> tuple[Json, str]:
+            calls.append(arguments)
+            return {"exit": 0, "said": []}, ""
+
+        options = ["--camera-id", "{}_*", "--every", "5min", "--time-zone", "Europe/Berlin"]
+        line = ["step.py", "traffic", *options, "steps/traffic.json", *(f"steps/result/{name}.json" for name in "abc")]
+        with mock.patch.object(sys, "argv", line), mock.patch.object(step, "call", call):
+            step.main()
+        [arguments] = calls
+        self.assertEqual(arguments[:3], ["traffic", "results/a", "results/c"])
+        self.assertEqual([arguments[arguments.index(name) + 1] for name in options[::2]], options[1::2])
+        self.assertEqual(json.loads(Path("steps/traffic.json").read_text())["clips"], 2)
+
     def test_the_status_of_a_joined_run_is_its_outcome(self) -> None:
         self.piece("good", 1)
         line = ["step.py", "result", "steps/result/good.json", "steps/piece/good/000000.json"]

@@ -272,7 +272,7 @@ def moving(page: Page, report: Path, folder: Path) -> None:
 
 
 def draw_on(page: Page, report: Path, touch: bool, shots: Path | None, save: Path | None) -> None:
-    """Tests the drawing part of a report. With `save`, the tables of lengths and points are kept in that folder."""
+    """Tests the drawing part of a report. With `save`, the drawn files are kept in that folder."""
 
     def shot(name: str) -> None:
         if shots:
@@ -284,6 +284,8 @@ def draw_on(page: Page, report: Path, touch: bool, shots: Path | None, save: Pat
         shot("drawn")
         return
     text = gates(sheet)
+    if save:
+        (save / "gates.geojson").write_text(text)
     shot("gates")
     fresh = page.context.new_page()
     fresh.goto(page.url)

@@ -153,7 +153,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("report", type=Path)
     parser.add_argument("--shots", type=Path, help="folder for pictures of the page")
-    parser.add_argument("--save", type=Path, help="folder for the lengths and surveyed points that were drawn")
+    parser.add_argument("--save", type=Path, help="folder for the drawn files")
     args = parser.parse_args()
     browser_path = next(filter(None, map(shutil.which, BROWSERS)), None)
     if browser_path is None:

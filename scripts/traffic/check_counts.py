@@ -3,9 +3,9 @@
 
     scripts/traffic/check_counts.py RESULTS [--binary FILE] [--list]
 
-RESULTS is the folder of finished runs of the clips in ../shared/data/clips: `roadplane run CLIPS --out RESULTS`. A person
-counted the clips in `counts.json`, from slit-scan pictures and frames, without the program's results. The lists there are
-the times of the crossings, s. Motorcycles do not count, because the person left them out.
+RESULTS is the folder of finished runs of the clips in ../shared/data/clips: `roadplane run CLIPS --out RESULTS`. The
+vehicles were counted from slit-scan pictures and frames, without the program's results. The lists in `counts.json` are
+the times of the crossings, s. Motorcycles do not count, because they were left out.
 """
 
 from __future__ import annotations
@@ -74,8 +74,9 @@ def main() -> None:
                     if options.list:
                         print(f"{name:14} {line} {direction:8}  by eye {by_eye:3}  counted {number:3} [{low}, {high}]")
     right = sum(abs(n - eye) <= max(NEAR_VEHICLES, NEAR_SHARE * eye) for eye, n, _, _ in rows)
-    held = sum(low <= eye <= high for eye, _, low, high in rows)
-    print(f"{len(rows)} lines and directions: {right} within {NEAR_VEHICLES} vehicle or {NEAR_SHARE:.0%}, {held} intervals hold")
+    within = sum(low <= eye <= high for eye, _, low, high in rows)
+    print(f"{len(rows)} lines and directions: {right} within {NEAR_VEHICLES} vehicle or {NEAR_SHARE:.0%}")
+    print(f"{within} intervals hold the count by eye")
     print(f"{sum(r[0] for r in rows)} vehicles by eye, {sum(r[1] for r in rows)} counted")
 
 

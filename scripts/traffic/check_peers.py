@@ -1,11 +1,10 @@
 #!/usr/bin/env python3
-"""Counts the vehicles of `counts.json` with other programs, from the same boxes: `trackers` ByteTrack, `supervision` LineZone.
+"""Counts the vehicles of `counts.json` with ByteTrack (`trackers`) and LineZone (`supervision`), from the same boxes.
 
-    scripts/traffic/check_peers.py RESULTS [--binary FILE]
+    $(scripts/environment.sh counters) scripts/traffic/check_peers.py RESULTS [--binary FILE]
 
-RESULTS is the folder of finished runs with `--frames`, which keep the detector's boxes, also the weak ones. It needs the
-packages of the group `counters`: `python=$(scripts/environment.sh counters)`. The table has the sum over all lines of the
-deviations from the counts by eye.
+RESULTS is the folder of finished runs with `--frames`, which keep the detector's boxes, also the weak ones. The table
+has the sum over all lines of the deviations from the counts by eye.
 """
 
 from __future__ import annotations
@@ -21,7 +20,10 @@ from trackers import ByteTrackTracker
 
 # ByteTrack's own thresholds suit scores that reach 0.9. The second row is the product's threshold.
 THRESHOLDS = {"own thresholds": (0.7, 0.6), "thresholds of our detector": (0.44, 0.44)}
-ANCHORS = {"box": tuple(sv.Position[n] for n in ("TOP_LEFT", "TOP_RIGHT", "BOTTOM_LEFT", "BOTTOM_RIGHT")), "bottom": (sv.Position.BOTTOM_CENTER,)}
+ANCHORS = {
+    "box": tuple(sv.Position[n] for n in ("TOP_LEFT", "TOP_RIGHT", "BOTTOM_LEFT", "BOTTOM_RIGHT")),
+    "bottom": (sv.Position.BOTTOM_CENTER,),
+}
 
 
 def frames_of(run: Path) -> list[dict]:
@@ -71,7 +73,9 @@ def main() -> None:
     parser.add_argument("--binary", type=Path, default=ROOT / "target/release/roadplane")
     options = parser.parse_args()
     clips = json.loads(COUNTS.read_text())
-    by_eye = {(c, line, d): len(clip["lines"][line][d]) for c, clip in clips.items() for line in clip["lines"] for d in DIRECTIONS}
+    by_eye = {
+        (c, line, d): len(clip["lines"][line][d]) for c, clip in clips.items() for line in clip["lines"] for d in DIRECTIONS
+    }
     rows: dict[str, dict] = {"roadplane": {}}
     for name, clip in clips.items():
         run = options.results / name
@@ -81,12 +85,15 @@ def main() -> None:
         for kind, thresholds in THRESHOLDS.items():
             for anchor, anchors in ANCHORS.items():
                 found = peer_counts(frames, clip, thresholds, anchors)
-                rows.setdefault(f"ByteTrack, {kind}; LineZone, {anchor}", {}).update({(name, *key): n for key, n in found.items()})
+                rows.setdefault(f"ByteTrack, {kind}; LineZone, {anchor}", {}).update(
+                    {(name, *key): n for key, n in found.items()}
+                )
     print(f"{'counts by eye':60} {sum(by_eye.values()):4} vehicles")
     for name, found in rows.items():
         deviations = [found.get(key, 0) - n for key, n in by_eye.items()]
         wrong = sum(d != 0 for d in deviations)
-        print(f"{name:60} {sum(found.values()):4} vehicles, deviations {sum(map(abs, deviations)):3}, {wrong:2} of {len(by_eye)} counts wrong")
+        sums = f"{sum(found.values()):4} vehicles, deviations {sum(map(abs, deviations)):3}"
+        print(f"{name:60} {sums}, {wrong:2} of {len(by_eye)} counts wrong")
 
 
 if __name__ == "__main__":

@@ -1,22 +1,20 @@
 #!/usr/bin/env python3
 """Compares the figures of `roadplane traffic` with the truth of rendered clips.
 
-    scripts/traffic/check_truth.py RUN_FOLDER TRUTH [RUN_FOLDER TRUTH]... [--binary FILE] [--out DIR] [--list]
+    scripts/traffic/check_truth.py RUN_FOLDER TRUTH [RUN_FOLDER TRUTH]... [--binary FILE] [--list]
 
-A run is a finished run of the clip, or of simulated measurements of it. The script lays gates across the traffic of the
-truth, and a zone between two of them, and gives both to the program in pixels. It computes the true figures from the true
-paths on its own. The exceptions are conflicts: their truth is the program's own result on the true paths.
+A run is a finished run of the clip. The script lays gates across the traffic of the truth, and a zone between two of
+them, and gives both to the program in pixels. It computes the true figures from the true paths on its own.
 
-- counts: vehicles per gate and direction. A vehicle counts if at least 30 % of it is visible at the line, on 24 px, as in
-  `roadplane-lab eval run`. Others neither need to be counted nor are wrong.
-- errors: rms of error / sd, and the share of errors within 1.96 sds, for each continuous figure
+- counts: vehicles per gate and direction. A vehicle counts if at least 30 % of it is visible at the line, on 24 px, as
+  in `roadplane-lab eval run`. Others neither need to be counted nor are wrong.
+- errors: rms of the normalised error, and the share of errors within 1.96 sds, for each continuous figure
 """
 
 from __future__ import annotations
 
 import argparse
 import csv
-import gzip
 import json
 import subprocess
 import sys
@@ -26,28 +24,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from truth_paths import Camera, Crossing, VehiclePath, border_s, crossings_of, inside, read_json, true_paths
 
 ROOT = Path(__file__).resolve().parents[2]
-LEAST_SHARE, LEAST_PX = 0.3, 24.0  # of the vehicles that must be counted
 MOVING_MPS = 2.0
 # A counted vehicle is a true one if their times and places at the line differ by less.
 SAME_S, SAME_M = 1.5, 2.0
 GATE_SHARES = (0.25, 0.5, 0.75)  # places of the gates along the traffic, as quantiles of the vehicles' positions
 KMH = 3.6
-
-
-@dataclass
-class Path_:
-    """The true path of a vehicle: times, centres of the footprint, headings, speeds; and whether it is clear to see."""
-
-    times: np.ndarray
-    centres: np.ndarray
-    headings: np.ndarray
-    speeds: np.ndarray
-    clear: np.ndarray
-    length_m: float
-    width_m: float
-    kind: str
 
 
 @dataclass
@@ -64,60 +48,14 @@ class Tally:
         self.errors[figure].append((error, sd))
 
 
-def read_json(path: Path) -> dict:
-    """Reads a JSON file, gzipped or not."""
-    opened = gzip.open(path, "rt") if path.suffix == ".gz" else path.open()
-    with opened as file:
-        return json.load(file)
-
-
-def true_paths(truth: dict) -> list[Path_]:
-    """Returns the paths of all vehicles with two frames or more."""
-    models = {model["id"]: model for model in truth["models"]}
-    rows: dict[int, list] = defaultdict(list)
-    for frame in truth["frames"]:
-        for car in frame["cars"]:
-            model = models[car["id"]]
-            pose = np.array(car["world_from_car"])
-            points = [point for point in model["keypoints_in_car"] or [] if point]
-            middle = (min(p[0] for p in points) + max(p[0] for p in points)) / 2 if points else 0.0
-            centre = pose[:2, :2] @ [middle, 0.0] + pose[:2, 3]
-            box = np.array(car["box"])
-            clear = car["visible_share"] >= LEAST_SHARE and (box[2:] - box[:2]).max() >= LEAST_PX
-            heading = np.arctan2(pose[1, 0], pose[0, 0])
-            rows[car["id"]].append((frame["time_s"], *centre, heading, car["speed_mps"], clear))
-    paths = []
-    for number, listed in rows.items():
-        if len(listed) > 1:
-            table = np.array(listed, float)
-            length, width, _ = models[number]["dims_m"]
-            paths.append(
-                Path_(table[:, 0], table[:, 1:3], np.unwrap(table[:, 3]), table[:, 4], table[:, 5] > 0, length, width, models[number]["class"])
-            )
-    return paths
-
-
-class Camera:
-    """The true camera."""
-
-    def __init__(self, truth: dict) -> None:
-        camera = truth["camera"]
-        self.size = np.array(camera["image_size_px"], float)
-        self.focal, self.principal = camera["focal_px"], np.array(camera["principal_point_px"])
-        self.pose = np.array(camera["camera_from_world"])
-
-    def pixel(self, ground: np.ndarray) -> np.ndarray | None:
-        """Returns the pixel of a ground point, from the corner of the picture; None if it is outside."""
-        x, y, z = self.pose[:3, :3] @ [*ground, 0.0] + self.pose[:3, 3]
-        if z < 1.0:
-            return None
-        found = self.focal * np.array([x, y]) / z + self.principal
-        return found if (found > 0).all() and (found < self.size).all() else None
-
-
-def gates_of(paths: list[Path_], camera: Camera) -> list[tuple[str, np.ndarray]]:
+def gates_of(paths: list[VehiclePath], camera: Camera) -> list[tuple[str, np.ndarray]]:
     """Returns gates [2, 2] across the traffic: of each axis of the site, if enough vehicles drive along it."""
-    moving = [(p.centres[i], p.headings[i]) for p in paths for i in range(0, len(p.times), 5) if abs(p.speeds[i]) > MOVING_MPS and p.clear[i]]
+    moving = [
+        (p.centres[i], p.headings[i])
+        for p in paths
+        for i in range(0, len(p.times), 5)
+        if abs(p.speeds[i]) > MOVING_MPS and p.clear[i]
+    ]
     places, headings = np.array([m[0] for m in moving]), np.array([m[1] for m in moving])
     main = np.angle(np.exp(2j * headings).mean()) / 2
     gates = []
@@ -138,57 +76,28 @@ def gates_of(paths: list[Path_], camera: Camera) -> list[tuple[str, np.ndarray]]
     return gates
 
 
-@dataclass
-class Crossing:
-    """A true crossing: times of the centre and of the front, direction, speed, place along the line, and visibility."""
-
-    time_s: float
-    front_s: float
-    direction: str
-    speed: float
-    along_m: float
-    clear: bool
-    length_m: float
-
-
-def crossings_of(path: Path_, line: np.ndarray) -> list[Crossing]:
-    """Returns the true crossings of a line."""
-    a, b = line
-    along = (b - a) / np.linalg.norm(b - a)
-    left = np.array([-along[1], along[0]])
-    side = (path.centres - a) @ left  # positive on the left, seen from a towards b
-    ahead = np.stack([np.cos(path.headings), np.sin(path.headings)], 1)
-    front = side + path.length_m / 2 * ahead @ left
-    place = (path.centres - a) @ along
-    found = []
-    for k in np.nonzero((side[:-1] > 0) != (side[1:] > 0))[0]:
-        if path.times[k + 1] - path.times[k] > 1.0:
-            continue
-
-        def at(values: np.ndarray, share: float = side[k] / (side[k] - side[k + 1]), k: int = k) -> float:
-            return float(values[k] + share * (values[k + 1] - values[k]))
-
-        if 0 < at(place) < np.linalg.norm(b - a):
-            before = np.nonzero((front[:k + 1] > 0) != (side[k] <= 0))[0]
-            fronts = np.nonzero((front[:-1] > 0) != (front[1:] > 0))[0]
-            i = fronts[fronts <= k][-1] if len(before) and (fronts <= k).any() else None
-            front_s = np.nan if i is None else path.times[i] + front[i] / (front[i] - front[i + 1]) * (path.times[i + 1] - path.times[i])
-            clear = bool(path.clear[max(0, k - 4) : k + 6].mean() > 0.5)
-            direction = "forward" if side[k] > 0 else "backward"
-            found.append(Crossing(at(path.times), float(front_s), direction, abs(at(path.speeds)), at(place), clear, path.length_m))
-    return found
-
-
 def write_gates(path: Path, gates: list[tuple[str, np.ndarray]], zone: np.ndarray | None, camera: Camera) -> None:
     """Writes the gates and the zone in pixels."""
     features = [
-        {"type": "Feature", "properties": {"name": name}, "geometry": {"type": "LineString", "coordinates": [camera.pixel(p).tolist() for p in line]}}
+        {
+            "type": "Feature",
+            "properties": {"name": name},
+            "geometry": {"type": "LineString", "coordinates": [camera.pixel(p).tolist() for p in line]},
+        }
         for name, line in gates
     ]
     if zone is not None:
         ring = [camera.pixel(p).tolist() for p in [*zone, zone[0]]]
-        features.append({"type": "Feature", "properties": {"name": "zone"}, "geometry": {"type": "Polygon", "coordinates": [ring]}})
-    content = {"type": "FeatureCollection", "coordinates": "pixels", "image_size_px": camera.size.astype(int).tolist(), "frame": 0, "features": features}
+        features.append(
+            {"type": "Feature", "properties": {"name": "zone"}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
+        )
+    content = {
+        "type": "FeatureCollection",
+        "coordinates": "pixels",
+        "image_size_px": camera.size.astype(int).tolist(),
+        "frame": 0,
+        "features": features,
+    }
     path.write_text(json.dumps(content))
 
 
@@ -198,16 +107,6 @@ def zone_between(gates: list[tuple[str, np.ndarray]], camera: Camera) -> np.ndar
         return None
     (a, b), (c, d) = gates[0][1], gates[1][1]
     return np.array([a, b, d, c])
-
-
-def inside(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
-    """Returns whether each point lies in a polygon."""
-    found = np.zeros(len(points), bool)
-    for p, q in zip(ring, np.roll(ring, -1, axis=0), strict=True):
-        crosses = (p[1] > points[:, 1]) != (q[1] > points[:, 1])
-        at = p[0] + (points[:, 1] - p[1]) / np.where(q[1] == p[1], 1e-9, q[1] - p[1]) * (q[0] - p[0])
-        found ^= crosses & (points[:, 0] < at)
-    return found
 
 
 def compare(run: Path, truth_file: Path, binary: Path, folder: Path, tally: Tally) -> None:
@@ -222,8 +121,12 @@ def compare(run: Path, truth_file: Path, binary: Path, folder: Path, tally: Tall
     found: dict[tuple[str, str], list[dict]] = defaultdict(list)
     for row in csv.DictReader((out / "crossings.csv").open()):
         found[row["gate"], row["direction"]].append(row)
-    counted = {(row["place"], row["direction"]): row for row in csv.DictReader((out / "counts.csv").open()) if row["class"] == "all"}
-    speeds = {(row["place"], row["direction"]): row for row in csv.DictReader((out / "speeds.csv").open()) if row["class"] == "all"}
+    counted = {
+        (row["place"], row["direction"]): row for row in csv.DictReader((out / "counts.csv").open()) if row["class"] == "all"
+    }
+    speeds = {
+        (row["place"], row["direction"]): row for row in csv.DictReader((out / "speeds.csv").open()) if row["class"] == "all"
+    }
     for name, line in gates:
         true = [crossing for path in paths for crossing in crossings_of(path, line)]
         for direction in ("forward", "backward"):
@@ -269,11 +172,16 @@ def measure(mine: list[Crossing], theirs: list[dict], pairs: dict[int, int], tal
         tally.add("time", float(row["time_s"]) - crossing.time_s, float(row["time_sd_s"]))
         tally.add("speed", float(row["speed_kmh"]) - crossing.speed * KMH, float(row["speed_sd_kmh"]))
         # the leader must be the true one
-        if row["headway_s"] and i > 0 and pairs.get(i - 1) == leaders.get(k) is not None and np.isfinite(fronts[k] + mine[i - 1].front_s):
+        if (
+            row["headway_s"]
+            and i > 0
+            and pairs.get(i - 1) == leaders.get(k) is not None
+            and np.isfinite(fronts[k] + mine[i - 1].front_s)
+        ):
             tally.add("headway", float(row["headway_s"]) - (crossing.front_s - mine[i - 1].front_s), float(row["headway_sd_s"]))
 
 
-def compare_stays(out: Path, paths: list[Path_], zone: np.ndarray, tally: Tally) -> None:
+def compare_stays(out: Path, paths: list[VehiclePath], zone: np.ndarray, tally: Tally) -> None:
     """Adds the errors of times in the zone, of vehicles that are seen to enter and to leave."""
     true = []
     for path in paths:
@@ -290,13 +198,6 @@ def compare_stays(out: Path, paths: list[Path_], zone: np.ndarray, tally: Tally)
             row = rows[int(np.argmin(apart))]
             tally.add("stay", float(row["stay_s"]) - (leaves_s - enters_s), float(row["stay_sd_s"]))
     tally.stays += [(len(true), sum(clear for *_, clear in true), len(rows))]
-
-
-def border_s(path: Path_, zone: np.ndarray, k: int) -> float:
-    """Returns the time between two frames at which a path crosses the border of the zone."""
-    shares = np.linspace(0, 1, 101)[:, None]
-    within = inside(path.centres[k] + shares * (path.centres[k + 1] - path.centres[k]), zone)
-    return float(path.times[k] + np.mean(within != within[0]) * -(path.times[k + 1] - path.times[k]) + (path.times[k + 1] - path.times[k]))
 
 
 def main() -> None:
@@ -316,20 +217,25 @@ def main() -> None:
 
 
 def report(tally: Tally, every: bool) -> None:
-    """Prints what was found."""
+    """Prints the tables."""
     if every:
-        for name, all_, needed, counted, low, high, wrong in tally.counts:
-            print(f"{name:40} true {all_:3} ({needed:3} clear)  counted {counted:3} [{low}, {high}]  wrong {wrong}")
-    table = np.array([c[1:] for c in tally.counts])
-    within = ((table[:, 0] >= table[:, 3]) & (table[:, 0] <= table[:, 4])) | ((table[:, 1] >= table[:, 3]) & (table[:, 1] <= table[:, 4]))
-    print(f"counts: {len(table)} gates and directions, {table[:, 0].sum()} vehicles ({table[:, 1].sum()} clear), {table[:, 2].sum()} counted, {table[:, 5].sum()} wrong; interval holds {within.sum()}")
+        for name, number, needed, counted, low, high, wrong in tally.counts:
+            print(f"{name:40} true {number:3} ({needed:3} clear)  counted {counted:3} [{low}, {high}]  wrong {wrong}")
+    number, needed, counted, low, high, wrong = np.array([row[1:] for row in tally.counts]).T
+    right = ((low <= number) & (number <= high)) | ((low <= needed) & (needed <= high))
+    print(f"counts: {len(number)} gates and directions, {number.sum()} vehicles, {needed.sum()} of them clear to see")
+    print(f"        {counted.sum()} counted, {wrong.sum()} missed or wrong; {right.sum()} intervals hold the number")
     print("whole stays: true, clear, found:", *np.sum(tally.stays, axis=0))
     for figure, pairs in tally.errors.items():
         error, sd = np.array(pairs).T
-        print(f"{figure:8} n {len(error):4}  rms {np.sqrt((error**2).mean()):.3f}  error/sd {np.sqrt(((error / sd) ** 2).mean()):.2f}  within 1.96 sd {100 * (np.abs(error) < 1.96 * sd).mean():.1f} %  bias {error.mean():.3f}")
+        rms, normalised = (np.sqrt((values**2).mean()) for values in (error, error / sd))
+        covered = 100 * (np.abs(error) < 1.96 * sd).mean()
+        print(f"{figure:8} {len(error):4}  rms {rms:.3f}  normalised {normalised:.2f}  within 1.96 sd {covered:.1f} %")
     if tally.v85:
         found, true = np.array(tally.v85).T
-        print(f"V85: largest deviation {100 * np.abs(found / true - 1).max():.1f} %, after the scale {100 * np.abs(found / true / np.median(found / true) - 1).max():.1f} %")
+        ratio = found / true
+        largest = [100 * np.abs(values - 1).max() for values in (ratio, ratio / np.median(ratio))]
+        print("V85: largest deviation {:.1f} %, after the scale {:.1f} %".format(*largest))
 
 
 if __name__ == "__main__":

@@ -75,4 +75,6 @@ pub use stream::span::Span;
 pub use stream::streaming::open_input;
 pub use tracks::activities::{activity_file, track_motion};
 pub use tracks::usable;
-pub use traffic::{TrafficOptions, TrafficReport, check_traffic, traffic, write_traffic};
+pub use traffic::{
+    TrafficOptions, TrafficReport, check_traffic, traffic, write_traffic, write_traffic_pictures,
+};

@@ -139,7 +139,7 @@ fn drawn(
     gates: &GatesFile,
     warnings: &mut Vec<String>,
 ) -> Result<Site, PipelineError> {
-    let mut site = Site { name, clips: Vec::new() };
+    let mut site = Site { name, clips: Vec::new(), lanes: Vec::new() };
     for RunClip { clip, world, world_number, .. } in clips {
         let (gates, zones) = if world_number > 1 && gates.are_pixels() {
             let name = &clip.name;
@@ -153,17 +153,35 @@ fn drawn(
     Ok(site)
 }
 
-/// Finds the roads that lead out of the picture. They are the gates.
+/// Finds the roads that lead out of the picture, the lanes, and the stop lines. The roads are the gates. The lanes before stop
+/// lines are zones.
 fn found(name: String, clips: Vec<RunClip>) -> Site {
     let north_rad = clips.iter().find_map(|clip| clip.world.as_ref()?.bearing_rad());
     let scene = find_scene(&clips.iter().map(|clip| &clip.clip).collect::<Vec<_>>(), north_rad);
+    let zones = scene.queue_zones();
     let gates: Vec<_> = scene.arms.into_iter().map(|arm| arm.gate).collect();
     let clips = clips.into_iter().map(|RunClip { clip, .. }| SiteClip {
         clip,
         gates: gates.clone(),
-        zones: Vec::new(),
+        zones: zones.clone(),
     });
-    Site { name, clips: clips.collect() }
+    Site { name, clips: clips.collect(), lanes: scene.lanes }
+}
+
+/// Writes each diagram of the page as an SVG file into the folder `pictures` of a folder.
+///
+/// # Errors
+/// [`PipelineError::Write`].
+pub fn write_traffic_pictures(report: &TrafficReport, folder: &Path) -> Result<(), PipelineError> {
+    let pictures = folder.join("pictures");
+    std::fs::create_dir_all(&pictures)
+        .map_err(|source| PipelineError::Unreadable { source, path: pictures.clone() })?;
+    for (name, svg) in roadplane_view::traffic_pictures(&report.file, &report.sites) {
+        let mut file = OutFile::create(&pictures.join(name))?;
+        file.write_bytes(svg.as_bytes())?;
+        file.finish()?;
+    }
+    Ok(())
 }
 
 /// Writes the tables, `traffic.json` and the page `traffic.html` into a folder. It uses up the vehicles of the report, so

@@ -77,7 +77,15 @@ fn read(text: &str) -> Result<Clip, String> {
 }
 
 fn empty(track: u64, length_m: f64, width_m: f64) -> Vehicle {
-    Vehicle { track, class: VehicleClass::Car, length_m, length_sd_m: 0.0, width_m, exists_p: 1.0, states: Vec::new() }
+    Vehicle {
+        track,
+        class: VehicleClass::Car,
+        length_m,
+        length_sd_m: 0.0,
+        width_m,
+        exists_p: 1.0,
+        states: Vec::new(),
+    }
 }
 
 fn clip(vehicles: Vec<Vehicle>, scale_sd: Option<f64>) -> Clip {

@@ -4,6 +4,7 @@ use crate::clock::Clock;
 use crate::conflicts::{ConflictLimits, conflicts};
 use crate::flows::Journeys;
 use crate::gate_figures::gate_figures;
+use crate::lanes::lane_rows;
 use crate::records::{ConflictRow, Figures};
 use crate::site::Site;
 use crate::zone_figures::zone_figures;
@@ -20,6 +21,7 @@ impl Figures {
             for (direction, passages) in Direction::ALL.into_iter().zip(site.passages(gate, &periods)) {
                 journeys.add(gate, direction, &passages);
                 figures.extend(gate_figures(site, gate, direction, &passages, &periods, clock));
+                figures.lanes.extend(lane_rows(site, gate, direction, &passages, &periods));
             }
         }
         figures.crossings.sort_by(|a, b| {
@@ -89,6 +91,7 @@ mod tests {
         Site {
             name: "cam".to_owned(),
             clips: vec![clip("one", 0.0, first), clip("two", 120.0, vec![vehicle(1, car, 10.0)])],
+            lanes: Vec::new(),
         }
     }
 
@@ -140,7 +143,7 @@ mod tests {
 
     #[test]
     fn an_empty_site_has_no_figures() {
-        let empty = Site { name: "cam".to_owned(), clips: Vec::new() };
+        let empty = Site { name: "cam".to_owned(), clips: Vec::new(), lanes: Vec::new() };
         assert_eq!(Figures::of(&empty, &Clock::new("UTC", "1h").unwrap()), Figures::default());
     }
 }

@@ -88,7 +88,7 @@ fn crossing_row(site: &Site, place: &str, p: &Passage<'_>, clock: Option<&Clock>
     }
 }
 
-fn speed_row(group: &Group, speeds: &[Speed], has_sds: bool) -> Option<SpeedRow> {
+pub(crate) fn speed_row(group: &Group, speeds: &[Speed], has_sds: bool) -> Option<SpeedRow> {
     let kmh = |m: Measured| (m.value * KMH_PER_MPS, has_sds.then_some(m.sd * KMH_PER_MPS));
     let (mean_kmh, mean_sd_kmh) = kmh(time_mean(speeds)?);
     let at = |share: f64| percentile(speeds, share).map(kmh);
@@ -125,7 +125,7 @@ fn histogram(group: &Group, speeds: &[Speed]) -> Vec<HistogramRow> {
     bins.into_iter().map(row).collect()
 }
 
-fn headway_row(group: &Group, headways: &[Headway]) -> Option<HeadwayRow> {
+pub(crate) fn headway_row(group: &Group, headways: &[Headway]) -> Option<HeadwayRow> {
     let mut times: Vec<f64> = headways.iter().map(|h| h.headway_s).collect();
     times.sort_by(f64::total_cmp);
     let n = times.len();

@@ -28,6 +28,7 @@ mod file;
 mod flows;
 mod gate;
 mod gate_figures;
+mod lanes;
 mod normal;
 mod passages;
 mod records;

@@ -7,6 +7,7 @@ use crate::crossing::{Crossing, crossings};
 use crate::site::{Period, Site, SiteClip};
 
 /// A crossing, its clip, and its time in the camera's time.
+#[derive(Clone)]
 pub(crate) struct Passage<'a> {
     pub(crate) clip: &'a SiteClip,
     pub(crate) crossing: Crossing,
@@ -78,9 +79,11 @@ impl Site {
         by_direction
     }
 
-    fn add_headways(&self, passages: &mut [Passage<'_>]) {
+    /// Sets the headways of passages, which are in the order in which the fronts reach the line.
+    pub(crate) fn add_headways(&self, passages: &mut [Passage<'_>]) {
         let mut last: Option<usize> = None;
         for i in 0..passages.len() {
+            passages[i].headway = None;
             if !passages[i].counts() {
                 continue;
             }

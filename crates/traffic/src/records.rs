@@ -197,6 +197,30 @@ pub struct CrossingRow {
     pub probability: f64,
 }
 
+/// A row of `lanes`: a lane of a gate in one period, all classes together.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct LaneRow {
+    /// Place, direction and period.
+    #[serde(flatten)]
+    pub group: Group,
+    /// Number of the lane among those of the direction, counted from the gate's first point, from 1 on.
+    pub lane: u64,
+    /// Number of vehicles. It is missing if no vehicle could be followed in the period.
+    pub vehicles: Option<u64>,
+    /// Mean speed at the line, km/h.
+    pub mean_kmh: Option<f64>,
+    /// Sd of `mean_kmh`, km/h.
+    pub mean_sd_kmh: Option<f64>,
+    /// Speed below which 85 % of the vehicles drive, km/h.
+    pub v85_kmh: Option<f64>,
+    /// Sd of `v85_kmh`, km/h.
+    pub v85_sd_kmh: Option<f64>,
+    /// Mean time from front to front in the lane, s.
+    pub headway_mean_s: Option<f64>,
+    /// Mean time from the rear of a vehicle to the front of the next one in the lane, s.
+    pub gap_mean_s: Option<f64>,
+}
+
 /// A row of `stays`: one vehicle that is in one zone.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct StayRow {
@@ -253,6 +277,9 @@ pub struct Figures {
     pub speed_histogram: Vec<HistogramRow>,
     /// Headways by gate.
     pub headways: Vec<HeadwayRow>,
+    /// Figures by gate and lane. There are none for gates that the user gives.
+    #[serde(default)]
+    pub lanes: Vec<LaneRow>,
     /// Numbers of vehicles by first and last gate.
     pub flows: Vec<FlowRow>,
     /// Figures by zone.
@@ -274,6 +301,7 @@ impl Figures {
         self.speeds.extend(other.speeds);
         self.speed_histogram.extend(other.speed_histogram);
         self.headways.extend(other.headways);
+        self.lanes.extend(other.lanes);
         self.flows.extend(other.flows);
         self.zones.extend(other.zones);
         self.conflicts.extend(other.conflicts);

@@ -17,7 +17,9 @@ mod trips;
 pub use arm::{Arm, Flow};
 pub use lane::{Lane, Stay, StopLine};
 
-use crate::{Clip, Gate};
+use nalgebra::Vector2;
+
+use crate::{Clip, Gate, Zone};
 use path::Path;
 
 /// Largest number of paths that places and lanes are estimated from. More paths do not change them visibly, and take
@@ -73,6 +75,53 @@ pub fn find_scene(clips: &[&Clip], north_rad: Option<f64>) -> Scene {
     let lanes = ribbons::lanes(&some, &few, &flows, &track_of);
     let stop_lines = stops::stop_lines(clips, &some, &lanes);
     Scene { arms, lanes, stop_lines, flows }
+}
+
+/// Length of the area before a stop line, m. Longer queues end in the next area, or out of view.
+const QUEUE_M: f64 = 60.0;
+/// Part of the area beyond the mean place of the front bumpers, m.
+const BEYOND_M: f64 = 1.0;
+/// Half of the width of the area, m: half of a usual lane.
+const HALF_WIDTH_M: f64 = 1.75;
+
+impl Scene {
+    /// Returns the area of the queues at each stop line: its lane, up to the line.
+    #[must_use]
+    pub fn queue_zones(&self) -> Vec<Zone> {
+        let areas = self.stop_lines.iter().filter_map(|line| before(&self.lanes[line.lane?], &line.place));
+        let zone = |(i, outline)| Zone { name: format!("stop line {}", i + 1), outline };
+        areas.enumerate().map(zone).collect()
+    }
+}
+
+/// Returns the outline of the part of a lane before a place on it.
+fn before(lane: &Lane, place: &Vector2<f64>) -> Option<Vec<Vector2<f64>>> {
+    let away = |point: &Vector2<f64>| (point - place).norm();
+    let nearest =
+        (0..lane.middle.len()).min_by(|a, b| away(&lane.middle[*a]).total_cmp(&away(&lane.middle[*b])))?;
+    let mut middle: Vec<Vector2<f64>> = Vec::new();
+    let mut length_m = 0.0;
+    for point in lane.middle[..=nearest].iter().rev() {
+        length_m += middle.last().map_or(0.0, |last| (last - point).norm());
+        middle.push(*point);
+        if length_m > QUEUE_M {
+            break;
+        }
+    }
+    middle.reverse();
+    let [.., one, last] = middle.as_slice() else { return None };
+    let ahead = (last - one).try_normalize(0.0)?;
+    let end = place + ahead * BEYOND_M;
+    middle.pop();
+    middle.retain(|point| (end - point).dot(&ahead) > 0.0);
+    middle.push(end);
+    let left = |i: usize| {
+        let (a, b) = (middle[i.saturating_sub(1)], middle[(i + 1).min(middle.len() - 1)]);
+        (b - a).try_normalize(0.0).map(|forward| Vector2::new(-forward.y, forward.x) * HALF_WIDTH_M)
+    };
+    let sides: Vec<Vector2<f64>> = (0..middle.len()).map(left).collect::<Option<_>>()?;
+    let side = |sign: f64| middle.iter().zip(&sides).map(move |(point, left)| point + left * sign);
+    (middle.len() > 1).then(|| side(1.0).chain(side(-1.0).rev()).collect())
 }
 
 #[cfg(test)]

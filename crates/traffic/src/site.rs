@@ -4,7 +4,7 @@ use roadplane_base::VehicleClass;
 
 use crate::clock::Clock;
 use crate::records::Group;
-use crate::{Clip, Gate, Zone};
+use crate::{Clip, Gate, Lane, Zone};
 
 /// The clips of one camera, each with its gates and zones.
 #[derive(Clone, Debug)]
@@ -13,6 +13,8 @@ pub struct Site {
     pub name: String,
     /// The clips. Either all of them have a start, or there is only one.
     pub clips: Vec<SiteClip>,
+    /// Lanes in the world frame that all clips share; empty if they are not known.
+    pub lanes: Vec<Lane>,
 }
 
 /// A clip with gates and zones in its world frame. All clips of a camera have the same names of gates and zones.

@@ -37,7 +37,7 @@ fn car(track: u64, span_s: [f64; 2], drive: Drive<'_>) -> Vehicle {
         length_m: 4.5,
         width_m: 1.8,
         length_sd_m: 0.0,
-            exists_p: 1.0,
+        exists_p: 1.0,
         states: (0..=steps).map(state).collect(),
     }
 }

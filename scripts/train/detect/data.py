@@ -89,7 +89,7 @@ class Sampler(Dataset[Lesson]):
 
 
 def prepared(sampler: Sampler, steps: range, jobs: int) -> Iterator[Lesson]:
-    """Yields the lessons of steps, in order, and prepares the next ones meanwhile: on a thread, or in `jobs` processes."""
+    """Yields the lessons of steps, in order. A thread or `jobs` processes prepare the next ones meanwhile."""
     if jobs:
         yield from DataLoader(sampler, batch_size=None, sampler=steps, num_workers=jobs)
         return

@@ -2,7 +2,7 @@
 
 use roadplane_pipeline::{
     Existing, FolderLock, PipelineError, TrafficConfig, TrafficOptions, Units, traffic as figures,
-    write_traffic,
+    write_traffic, write_traffic_pictures,
 };
 use roadplane_terminal::Outcome;
 use roadplane_write::OutputFolder;
@@ -31,7 +31,10 @@ pub fn traffic(args: &TrafficArgs) -> anyhow::Result<Outcome> {
     let (parent, name) = split(&args.out)?;
     let existing = if args.overwrite { Existing::Overwrite } else { Existing::Refuse };
     let _lock = FolderLock::acquire(&parent).map_err(PipelineError::from)?;
-    let written = OutputFolder::write(&parent, &name, existing, |folder| write_traffic(&mut report, folder))?;
+    let written = OutputFolder::write(&parent, &name, existing, |folder| {
+        write_traffic_pictures(&report, folder)?;
+        write_traffic(&mut report, folder)
+    })?;
     let vehicles: u64 = report.file.cameras.iter().flat_map(|c| &c.clips).map(|clip| clip.vehicles).sum();
     tracing::info!(
         "{vehicles} vehicles, {} crossings: {}",

@@ -155,9 +155,9 @@ const BODY_SHARES: [f64; 3] = [0.021, 0.011, 0.0026];
 /// Returns the variances of x and y from the error that all positions of a car share, m². The camera is above the origin.
 fn body_variance(pose: &GroundPose, length_m: f64, camera_height_m: f64) -> [f64; 2] {
     let (sin, cos) = pose.heading_rad.sin_cos();
-    let [along, across, sight] = BODY_SHARES.map(|share| share * length_m);
+    let [along, across, depth] = BODY_SHARES.map(|share| share * length_m);
     // The distance cancels in the direction of the line of sight.
-    let [depth_x, depth_y] = [pose.x_m, pose.y_m].map(|place| sight * place / camera_height_m);
+    let [depth_x, depth_y] = [pose.x_m, pose.y_m].map(|place| depth * place / camera_height_m);
     let sum = |parts: [f64; 3]| parts.iter().map(|part| part * part).sum();
     [sum([along * cos, across * sin, depth_x]), sum([along * sin, across * cos, depth_y])]
 }
@@ -182,11 +182,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn far_cars_have_larger_errors_along_the_line_of_sight() {
+    fn far_cars_have_larger_errors_in_depth() {
         let at = |y_m: f64| GroundPose { x_m: 0.0, y_m, heading_rad: 0.0 };
         let [near, far] = [at(10.0), at(100.0)].map(|pose| body_variance(&pose, 5.0, 10.0).map(f64::sqrt));
         assert!((near[0] - 0.105).abs() < 1e-9 && (far[0] - 0.105).abs() < 1e-9);
-        assert!((near[1] - 0.055_f64.hypot(0.013)).abs() < 1e-9 && (far[1] - 0.055_f64.hypot(0.13)).abs() < 1e-9);
+        assert!(
+            (near[1] - 0.055_f64.hypot(0.013)).abs() < 1e-9 && (far[1] - 0.055_f64.hypot(0.13)).abs() < 1e-9
+        );
     }
 
     #[test]

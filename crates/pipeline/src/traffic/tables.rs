@@ -33,6 +33,7 @@ pub(super) fn write_all(report: &TrafficReport, folder: &Path) -> Result<(), Wri
     write("speeds", rows(&figures.speeds, units))?;
     write("speed_histogram", rows(&figures.speed_histogram, units))?;
     write("headways", rows(&figures.headways, units))?;
+    write("lanes", rows(&figures.lanes, units))?;
     write("flows", rows(&figures.flows, units))?;
     write("zones", rows(&figures.zones, units))?;
     write("conflicts", rows(&figures.conflicts, units))?;

@@ -16,7 +16,7 @@ fn clip(vehicles: Vec<Vec<State>>) -> Clip {
         length_m: 4.4,
         width_m: 1.8,
         length_sd_m: 0.0,
-            exists_p: 1.0,
+        exists_p: 1.0,
         states,
     };
     let vehicles = vehicles.into_iter().enumerate().map(vehicle).collect();
@@ -235,6 +235,15 @@ fn a_stop_line_is_found_where_queues_begin() {
     assert_eq!((line.queues, line.lane), (6, Some(0)));
     // The last state before the stop is 2 m or less short of the place.
     assert!((line.place - Vector2::new(1.7, 45.0 + 2.2 - 2.0)).norm() < 1.5, "{:?}", line.place);
+    // Its lane up to the line is a zone, in which both vehicles of a queue wait.
+    let [zone] = &scene.queue_zones()[..] else { panic!("{:?}", scene.queue_zones()) };
+    assert!(
+        [40.0, 30.0].iter().all(|y| zone.contains(&Vector2::new(1.7, line.place.y - 45.0 + y))),
+        "{zone:?}"
+    );
+    assert!(
+        !zone.contains(&Vector2::new(1.7, line.place.y + 2.0)) && !zone.contains(&Vector2::new(4.5, 30.0))
+    );
     let scattered = |i: usize| {
         let mut states = stopping(0)[1].clone();
         states.iter_mut().for_each(|state| {

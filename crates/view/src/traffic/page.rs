@@ -2,9 +2,8 @@
 
 use roadplane_traffic::{Direction, Group, SDS_95, Site, TrafficFile};
 
-use super::charts::{Bar, bars};
-use super::plan::{heat_map, plan};
-use super::time_space::time_space;
+use super::figures::{Figure, of_camera, of_gate};
+use super::{is_here, time_of_day};
 use crate::report::{STYLE, escape, put};
 
 /// Returns the page as HTML text. `sites` are the cameras of the file.
@@ -63,17 +62,7 @@ fn camera(page: &mut String, file: &TrafficFile, site: &Site) {
             sum(&|clip| clip.vehicles as f64)
         ),
     );
-    for (svg, caption) in [
-        (plan(site, file), "Gates and zones from above. An arrow is as wide as its number of vehicles."),
-        (
-            heat_map(site),
-            "Time that vehicles spend on each square metre, from blue (short) to red (long), logarithmic.",
-        ),
-    ] {
-        if let Some(svg) = svg {
-            put(page, format_args!("<figure>{svg}<figcaption>{caption}</figcaption></figure>\n"));
-        }
-    }
+    figures(page, &of_camera(file, site));
     let gates = site.clips.first().map_or(&[][..], |clip| &clip.gates);
     for (index, gate) in gates.iter().enumerate() {
         for direction in Direction::ALL {
@@ -85,13 +74,10 @@ fn camera(page: &mut String, file: &TrafficFile, site: &Site) {
     conflicts(page, file, site);
 }
 
-fn is_here(group: &Group, site: &Site, place: &str, direction: &str) -> bool {
-    group.camera == site.name && group.place == place && group.direction == direction && group.class == "all"
-}
-
-/// The time of day in a label such as `2026-01-31T22:00:00+01:00`; another label stays whole.
-fn time_of_day(label: &str) -> &str {
-    label.split_once('T').and_then(|(_, time)| time.get(..5)).unwrap_or(label)
+fn figures(page: &mut String, figures: &[Figure]) {
+    for Figure { svg, caption, .. } in figures {
+        put(page, format_args!("<figure>{svg}<figcaption>{}</figcaption></figure>\n", escape(caption)));
+    }
 }
 
 fn gate_section(
@@ -109,14 +95,6 @@ fn gate_section(
         return;
     }
     put(page, format_args!("<h3>{}, {}: {total} vehicles</h3>\n", escape(place), direction.name()));
-    if counts.len() > 1 {
-        let bar = |row: &&roadplane_traffic::CountRow| Bar {
-            label: time_of_day(&row.group.from).to_owned(),
-            value: row.vehicles.map(|n| n as f64),
-            interval: row.vehicles_low.zip(row.vehicles_high).map(|(low, high)| [low as f64, high as f64]),
-        };
-        page.push_str(&bars("vehicles by period", &counts.iter().map(bar).collect::<Vec<_>>()));
-    }
     let (unit, in_units) = (file.units.name(), |kmh: f64| file.units.of_kmh(kmh));
     page.push_str("<div class=\"scroll\"><table><thead><tr><th>from</th><th>vehicles</th><th>per hour</th>");
     put(
@@ -163,27 +141,43 @@ fn gate_section(
         put(page, format_args!("<td>{headway}</td></tr>\n"));
     }
     page.push_str("</table></div>\n");
-    histogram(page, file, &here);
-    if let Some(svg) = time_space(site, file, index, direction) {
-        let caption = "Distance from the gate over time, one line per vehicle. The dashed line is the gate.";
-        put(page, format_args!("<figure>{svg}<figcaption>{caption}</figcaption></figure>\n"));
-    }
+    lanes(page, file, &here);
+    figures(page, &of_gate(file, site, index, direction));
 }
 
-/// Appends the histogram of speeds over all periods.
-fn histogram(page: &mut String, file: &TrafficFile, here: &dyn Fn(&Group) -> bool) {
-    let rows: Vec<_> = file.figures.speed_histogram.iter().filter(|row| here(&row.group)).collect();
-    let most = rows.iter().map(|row| row.below_kmh).fold(0.0, f64::max);
-    let Some(width) = rows.first().map(|row| row.below_kmh - row.least_kmh) else { return };
-    let bar = |bin: usize| {
-        let least = bin as f64 * width;
-        let number: u64 = rows.iter().filter(|r| r.least_kmh == least).map(|r| r.vehicles).sum();
-        Bar { label: format!("{:.0}", file.units.of_kmh(least)), value: Some(number as f64), interval: None }
-    };
-    let bins = (most / width).round() as usize;
+/// Appends the figures of a gate by lane, if the lanes are known.
+fn lanes(page: &mut String, file: &TrafficFile, here: &dyn Fn(&Group) -> bool) {
+    let rows: Vec<_> = file.figures.lanes.iter().filter(|row| here(&row.group)).collect();
+    if rows.is_empty() {
+        return;
+    }
     let unit = file.units.name();
-    let svg = bars("vehicles by speed", &(0..bins).map(bar).collect::<Vec<_>>());
-    put(page, format_args!("<figure>{svg}<figcaption>Vehicles by speed, {unit}</figcaption></figure>\n"));
+    put(
+        page,
+        format_args!(
+            "<div class=\"scroll\"><table><thead><tr><th>lane</th><th>from</th><th>vehicles</th><th>mean {unit}</th>\
+             <th>V85</th><th>headway s</th><th>gap s</th></tr></thead>\n"
+        ),
+    );
+    for row in rows.iter().filter(|row| row.vehicles > Some(0)) {
+        let speed =
+            |kmh: Option<f64>| kmh.map_or_else(String::new, |kmh| format!("{:.1}", file.units.of_kmh(kmh)));
+        let time = |value: Option<f64>| value.map_or_else(String::new, |value| format!("{value:.1}"));
+        put(
+            page,
+            format_args!(
+                "<tr><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td><td>{}</td></tr>\n",
+                row.lane,
+                escape(time_of_day(&row.group.from)),
+                row.vehicles.unwrap_or(0),
+                speed(row.mean_kmh),
+                speed(row.v85_kmh),
+                time(row.headway_mean_s),
+                time(row.gap_mean_s)
+            ),
+        );
+    }
+    page.push_str("</table></div>\n");
 }
 
 fn flows(page: &mut String, file: &TrafficFile, site: &Site) {
