@@ -45,19 +45,17 @@ use path::Path;
 /// vehicles with numbers that are not finite are left out.
 #[must_use]
 pub fn conflicts(clip: &Clip, limits: &ConflictLimits) -> Vec<Conflict> {
-    let mut paths: Vec<Path<'_>> =
-        clip.vehicles.iter().filter_map(|vehicle| Path::new(vehicle, limits.horizon_s)).collect();
-    let key = |path: &Path<'_>| (path.vehicle.span_s()[0], path.vehicle.track);
-    paths.sort_by(|a, b| key(a).0.total_cmp(&key(b).0).then(key(a).1.cmp(&key(b).1)));
+    let mut vehicles: Vec<_> = clip.vehicles.iter().collect();
+    vehicles.sort_by(|a, b| a.span_s()[0].total_cmp(&b.span_s()[0]).then(a.track.cmp(&b.track)));
     let mut found = Vec::new();
-    // Paths that are present, or were present less than the longest PET before.
-    let mut recent: Vec<&Path<'_>> = Vec::new();
-    for path in &paths {
+    // Paths that are present, or were present less than the longest PET before. The paths of a day would need much memory.
+    let mut recent: Vec<Path<'_>> = Vec::new();
+    for path in vehicles.into_iter().filter_map(|vehicle| Path::new(vehicle, limits.horizon_s)) {
         let start_s = path.vehicle.span_s()[0];
         recent.retain(|other| other.vehicle.span_s()[1] + limits.pet_s.max(0.0) >= start_s);
         for other in recent.iter().filter(|other| other.bounds.meet(&path.bounds)) {
             let (a, b) =
-                if other.vehicle.track <= path.vehicle.track { (*other, path) } else { (path, *other) };
+                if other.vehicle.track <= path.vehicle.track { (other, &path) } else { (&path, other) };
             found.extend(pair::conflict(a, b, clip.scale_sd, limits));
         }
         recent.push(path);

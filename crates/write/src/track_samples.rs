@@ -165,56 +165,76 @@ fn read_parquet(path: &Path, each: &mut impl FnMut(TrackSample)) -> Result<(), W
     for group in 0..reader.num_row_groups() {
         let group = reader.get_row_group(group).map_err(fail)?;
         let rows = usize::try_from(group.metadata().num_rows()).unwrap_or(0);
-        let mut columns: Vec<Option<Vec<f64>>> = Vec::new();
-        for name in NUMBERS {
-            columns.push(place(name).map(|i| numbers_of(&*group, i, rows)).transpose().map_err(fail)?);
-        }
-        let classes = place("class").map(|i| texts_of(&*group, i, rows)).transpose().map_err(fail)?;
-        for row in 0..rows {
-            let mut numbers = [f64::NAN; NUMBERS.len()];
-            for (number, column) in numbers.iter_mut().zip(&columns) {
-                *number = column.as_ref().map_or(f64::NAN, |column| column[row]);
+        let column = |name: &str| place(name).map(|i| Column::new(&*group, i)).transpose().map_err(fail);
+        let mut columns = NUMBERS.iter().map(|name| column(name)).collect::<Result<Vec<_>, _>>()?;
+        let mut class = column("class")?;
+        for first in (0..rows).step_by(BLOCK_ROWS) {
+            let block = BLOCK_ROWS.min(rows - first);
+            let mut numbers: Vec<Option<Vec<f64>>> = Vec::new();
+            for column in &mut columns {
+                numbers.push(column.as_mut().map(|c| c.numbers(block)).transpose().map_err(fail)?);
             }
-            let class = classes.as_ref().map(|classes| classes[row].as_str());
-            each(sample(&numbers, class).ok_or_else(|| no_sample(path, before + row + 1))?);
+            let classes = class.as_mut().map(|column| column.texts(block)).transpose().map_err(fail)?;
+            for row in 0..block {
+                let at = |column: &Option<Vec<f64>>| column.as_ref().map_or(f64::NAN, |column| column[row]);
+                let numbers: Numbers = std::array::from_fn(|i| at(&numbers[i]));
+                let class = classes.as_ref().map(|classes| classes[row].as_str());
+                each(sample(&numbers, class).ok_or_else(|| no_sample(path, before + first + row + 1))?);
+            }
         }
         before += rows;
     }
     Ok(())
 }
 
-/// Reads one column of a row group; rows without a value are NaN, and so are all rows of a column with text.
-fn numbers_of(group: &dyn RowGroupReader, column: usize, rows: usize) -> Result<Vec<f64>, ParquetError> {
-    let optional = group.metadata().column(column).column_descr().max_def_level() > 0;
-    let mut defined: Vec<i16> = Vec::new();
-    macro_rules! read {
-        ($reader:expr, $number:expr) => {{
-            let mut values = Vec::new();
-            $reader.read_records(rows, optional.then_some(&mut defined), None, &mut values)?;
-            values.into_iter().map($number).collect::<Vec<f64>>()
-        }};
-    }
-    let values = match group.get_column_reader(column)? {
-        ColumnReader::DoubleColumnReader(mut reader) => read!(reader, |v: f64| v),
-        ColumnReader::FloatColumnReader(mut reader) => read!(reader, f64::from),
-        ColumnReader::Int64ColumnReader(mut reader) => read!(reader, |v: i64| v as f64),
-        ColumnReader::Int32ColumnReader(mut reader) => read!(reader, f64::from),
-        ColumnReader::BoolColumnReader(mut reader) => read!(reader, |v: bool| f64::from(u8::from(v))),
-        _ => return Ok(vec![f64::NAN; rows]),
-    };
-    Ok(spread(values, &defined, optional, rows, f64::NAN))
+/// Number of rows that are in memory at a time. The row groups of other programs have a million rows.
+const BLOCK_ROWS: usize = 16_384;
+
+/// A column of a row group, read in blocks.
+struct Column {
+    reader: ColumnReader,
+    is_optional: bool,
 }
 
-fn texts_of(group: &dyn RowGroupReader, column: usize, rows: usize) -> Result<Vec<String>, ParquetError> {
-    let optional = group.metadata().column(column).column_descr().max_def_level() > 0;
-    let mut defined: Vec<i16> = Vec::new();
-    let ColumnReader::ByteArrayColumnReader(mut reader) = group.get_column_reader(column)? else {
-        return Ok(vec![String::new(); rows]);
-    };
-    let mut values = Vec::new();
-    reader.read_records(rows, optional.then_some(&mut defined), None, &mut values)?;
-    let texts = values.iter().map(|text| String::from_utf8_lossy(text.data()).into_owned()).collect();
-    Ok(spread(texts, &defined, optional, rows, String::new()))
+impl Column {
+    fn new(group: &dyn RowGroupReader, column: usize) -> Result<Self, ParquetError> {
+        let is_optional = group.metadata().column(column).column_descr().max_def_level() > 0;
+        Ok(Self { reader: group.get_column_reader(column)?, is_optional })
+    }
+
+    /// Reads the next rows. Rows without a value are NaN, and so are all rows of a column with text.
+    fn numbers(&mut self, rows: usize) -> Result<Vec<f64>, ParquetError> {
+        let is_optional = self.is_optional;
+        let mut defined: Vec<i16> = Vec::new();
+        macro_rules! read {
+            ($reader:expr, $number:expr) => {{
+                let mut values = Vec::new();
+                $reader.read_records(rows, is_optional.then_some(&mut defined), None, &mut values)?;
+                values.into_iter().map($number).collect::<Vec<f64>>()
+            }};
+        }
+        let values = match &mut self.reader {
+            ColumnReader::DoubleColumnReader(reader) => read!(reader, |v: f64| v),
+            ColumnReader::FloatColumnReader(reader) => read!(reader, f64::from),
+            ColumnReader::Int64ColumnReader(reader) => read!(reader, |v: i64| v as f64),
+            ColumnReader::Int32ColumnReader(reader) => read!(reader, f64::from),
+            ColumnReader::BoolColumnReader(reader) => read!(reader, |v: bool| f64::from(u8::from(v))),
+            _ => return Ok(vec![f64::NAN; rows]),
+        };
+        Ok(spread(values, &defined, is_optional, rows, f64::NAN))
+    }
+
+    /// Reads the next rows. Rows without a text are empty, and so are all rows of a column with numbers.
+    fn texts(&mut self, rows: usize) -> Result<Vec<String>, ParquetError> {
+        let mut defined: Vec<i16> = Vec::new();
+        let ColumnReader::ByteArrayColumnReader(reader) = &mut self.reader else {
+            return Ok(vec![String::new(); rows]);
+        };
+        let mut values = Vec::new();
+        reader.read_records(rows, self.is_optional.then_some(&mut defined), None, &mut values)?;
+        let texts = values.iter().map(|text| String::from_utf8_lossy(text.data()).into_owned()).collect();
+        Ok(spread(texts, &defined, self.is_optional, rows, String::new()))
+    }
 }
 
 /// Puts the values of an optional column into their rows.

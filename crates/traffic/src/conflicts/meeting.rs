@@ -88,8 +88,7 @@ pub(super) fn meeting(a: &Path<'_>, b: &Path<'_>, longest_pet_s: f64) -> (bool, 
                 break;
             }
             let mut entry_rad = angle_between(first, second, &start.enter);
-            let comes_second = second.first_s(start.enter.travelled_m)
-                >= first.first_s(first.nodes[start.enter.node].travelled_m);
+            let comes_second = comes_second(first, second, &start.enter, swapped);
             if entry_rad < FOLLOWING_RAD {
                 if !comes_second {
                     // The other order of the two finds this meeting.
@@ -127,6 +126,16 @@ pub(super) fn meeting(a: &Path<'_>, b: &Path<'_>, longest_pet_s: f64) -> (bool, 
 
 fn angle_between(first: &Path<'_>, second: &Path<'_>, touch: &Touch) -> f64 {
     angle_rad(&first.nodes[touch.node].forward, &second.at(touch.travelled_m).forward)
+}
+
+/// Whether the second vehicle is at a contact after the first one was there. If both are there from their first states on,
+/// the second vehicle is behind the first one. If they are even side by side, `swapped` decides.
+fn comes_second(first: &Path<'_>, second: &Path<'_>, touch: &Touch, swapped: bool) -> bool {
+    let node = &first.nodes[touch.node];
+    let later_s = second.first_s(touch.travelled_m) - first.first_s(node.travelled_m);
+    let footprint = second.at(touch.travelled_m);
+    let ahead_m = (node.centre - footprint.centre).dot(&(node.forward + footprint.forward));
+    later_s > 0.0 || later_s == 0.0 && (ahead_m > 0.0 || ahead_m == 0.0 && !swapped)
 }
 
 /// Whether the first vehicle enters the area of a run before the second one.
