@@ -119,6 +119,13 @@ fn report(
         figures.extend(Figures::of(&site, clock));
         sites.push(site);
     }
+    if figures.overlaps > 0 {
+        let n = figures.overlaps;
+        warnings.push(format!(
+            "{n} pairs of vehicles overlap on the ground, because of errors of positions or lengths. They are not listed as \
+             conflicts; a crash would be one of them"
+        ));
+    }
     warnings.dedup();
     let file = TrafficFile {
         schema: TRAFFIC_SCHEMA.to_owned(),

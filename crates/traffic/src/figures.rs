@@ -38,7 +38,10 @@ impl Figures {
                 moment: clip.start_s.map(|start| clock.label(start + conflict.at_s)),
                 conflict,
             };
-            figures.conflicts.extend(conflicts(clip, &ConflictLimits::default()).into_iter().map(row));
+            let (overlaps, real): (Vec<_>, Vec<_>) =
+                conflicts(clip, &ConflictLimits::default()).into_iter().partition(Conflict::is_overlap);
+            figures.overlaps += overlaps.len() as u64;
+            figures.conflicts.extend(real.into_iter().map(row));
         }
         figures
     }
@@ -93,6 +96,19 @@ mod tests {
             clips: vec![clip("one", 0.0, first), clip("two", 120.0, vec![vehicle(1, car, 10.0)])],
             lanes: Vec::new(),
         }
+    }
+
+    #[test]
+    fn vehicles_that_overlap_are_counted_but_are_no_conflict() {
+        // The second vehicle follows so closely that both are at the same place.
+        let pair = |gap_s| vec![vehicle(1, VehicleClass::Car, 0.0), vehicle(2, VehicleClass::Car, gap_s)];
+        let of = |vehicles| {
+            let site = Site { clips: vec![clip("one", 0.0, vehicles)], ..site() };
+            let figures = Figures::of(&site, &Clock::new("UTC", "60s").unwrap());
+            (figures.conflicts.len(), figures.overlaps)
+        };
+        assert_eq!(of(pair(0.2)), (0, 1));
+        assert_eq!(of(pair(2.0)), (0, 0));
     }
 
     #[test]

@@ -289,6 +289,9 @@ pub struct Figures {
     /// Every crossing of a gate. It is only in the table `crossings`, not in `traffic.json`.
     #[serde(skip)]
     pub crossings: Vec<CrossingRow>,
+    /// Number of pairs of vehicles whose footprints overlap. They are not among the conflicts.
+    #[serde(skip)]
+    pub overlaps: u64,
     /// Every stay in a zone. It is only in the table `stays`, not in `traffic.json`.
     #[serde(skip)]
     pub stays: Vec<StayRow>,
@@ -307,5 +310,6 @@ impl Figures {
         self.conflicts.extend(other.conflicts);
         self.crossings.extend(other.crossings);
         self.stays.extend(other.stays);
+        self.overlaps += other.overlaps;
     }
 }

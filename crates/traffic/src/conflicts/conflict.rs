@@ -122,6 +122,13 @@ pub struct Conflict {
 }
 
 impl Conflict {
+    /// Whether the footprints overlap at a time at which both vehicles are observed. Only a crash would look like this, and
+    /// errors of positions and lengths are much more frequent.
+    #[must_use]
+    pub fn is_overlap(&self) -> bool {
+        self.min_ttc_s.is_some_and(|ttc| ttc <= 0.0) || self.pet_s.is_some_and(|pet| pet < 0.0)
+    }
+
     /// Whether a conflict is listed.
     pub(super) fn is_listed(&self, limits: &ConflictLimits) -> bool {
         let likely = |p: Option<f64>| p.is_some_and(|p| p >= limits.listed_p);
