@@ -17,25 +17,12 @@ import subprocess
 import tempfile
 from pathlib import Path
 
+from pixel_gates import write_gates
+
 ROOT = Path(__file__).resolve().parents[2]
 COUNTS = Path(__file__).with_name("counts.json")
 DIRECTIONS = ("forward", "backward")
 NEAR_VEHICLES, NEAR_SHARE = 1, 0.03  # a count that deviates by no more is right
-
-
-def gates_of(clip: dict) -> dict:
-    """Returns the lines of a clip as GeoJSON in pixels."""
-    features = [
-        {"type": "Feature", "properties": {"name": name}, "geometry": {"type": "LineString", "coordinates": line["line_px"]}}
-        for name, line in clip["lines"].items()
-    ]
-    return {
-        "type": "FeatureCollection",
-        "coordinates": "pixels",
-        "image_size_px": clip["image_size_px"],
-        "frame": 0,
-        "features": features,
-    }
 
 
 def counted(run: Path, clip: dict, binary: Path) -> dict[tuple[str, str], tuple[int, int, int]]:
@@ -43,7 +30,8 @@ def counted(run: Path, clip: dict, binary: Path) -> dict[tuple[str, str], tuple[
     found: dict[tuple[str, str], tuple[int, int, int]] = {}
     with tempfile.TemporaryDirectory() as name:
         gates, out = Path(name) / "gates.geojson", Path(name) / "out"
-        gates.write_text(json.dumps(gates_of(clip)))
+        lines = {line: drawn["line_px"] for line, drawn in clip["lines"].items()}
+        write_gates(gates, clip["image_size_px"], lines, {})
         subprocess.run([binary, "traffic", run, "--gates", gates, "--out", out], check=True, capture_output=True)
         rows = list(csv.DictReader((out / "counts.csv").open())) if (out / "counts.csv").exists() else []
     of_class = {(row["place"], row["direction"], row["class"]): row for row in rows}

@@ -3,6 +3,8 @@
 
     scripts/traffic/check_truth.py RUN_FOLDER TRUTH [RUN_FOLDER TRUTH]... [--binary FILE] [--list]
 
+It needs the environment of scripts/train: .runtime/train/bin/python.
+
 A run is a finished run of the clip. The script lays gates across the traffic of the truth, and a zone between two of
 them, and gives both to the program in pixels. It computes the true figures from the true paths on its own.
 
@@ -15,7 +17,6 @@ from __future__ import annotations
 
 import argparse
 import csv
-import json
 import subprocess
 import sys
 import tempfile
@@ -24,10 +25,15 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
-from truth_paths import Camera, Crossing, VehiclePath, border_s, crossings_of, inside, read_json, true_paths
+from pixel_gates import write_gates
+from truth_paths import Crossing, VehiclePath, border_s, crossings_of, inside, true_paths
+
+from roadplane_train.json_files import read_json
+from roadplane_train.render.camera import Camera
 
 ROOT = Path(__file__).resolve().parents[2]
 MOVING_MPS = 2.0
+NEAREST_M = 1.0  # depth of a point of a gate
 # A counted vehicle is a true one if their times and places at the line differ by less.
 SAME_S, SAME_M = 1.5, 2.0
 GATE_SHARES = (0.25, 0.5, 0.75)  # places of the gates along the traffic, as quantiles of the vehicles' positions
@@ -46,6 +52,13 @@ class Tally:
     def add(self, figure: str, error: float, sd: float) -> None:
         """Adds an error with its sd."""
         self.errors[figure].append((error, sd))
+
+
+def pixels(points: np.ndarray, camera: Camera) -> np.ndarray:
+    """Returns the pixels [n, 2] of ground points [n, 2]; NaN outside of the picture and near the camera."""
+    found, depth = camera.pixel_from_world(np.column_stack([points, np.zeros(len(points))]))
+    seen = (depth >= NEAREST_M) & (found > 0).all(1) & (found < camera.image_size_px).all(1)
+    return np.where(seen[:, None], found, np.nan)
 
 
 def gates_of(paths: list[VehiclePath], camera: Camera) -> list[tuple[str, np.ndarray]]:
@@ -71,37 +84,12 @@ def gates_of(paths: list[VehiclePath], camera: Camera) -> list[tuple[str, np.nda
             near = np.abs(e - at) < 8.0
             low, high = np.quantile(n[near], [0.01, 0.99]) + [-1.8, 1.8]
             line = np.array([ahead * at + left * low, ahead * at + left * high])
-            if all(camera.pixel(end) is not None for end in line):
+            if np.isfinite(pixels(line, camera)).all():
                 gates.append((f"{name} {share}", line))
     return gates
 
 
-def write_gates(path: Path, gates: list[tuple[str, np.ndarray]], zone: np.ndarray | None, camera: Camera) -> None:
-    """Writes the gates and the zone in pixels."""
-    features = [
-        {
-            "type": "Feature",
-            "properties": {"name": name},
-            "geometry": {"type": "LineString", "coordinates": [camera.pixel(p).tolist() for p in line]},
-        }
-        for name, line in gates
-    ]
-    if zone is not None:
-        ring = [camera.pixel(p).tolist() for p in [*zone, zone[0]]]
-        features.append(
-            {"type": "Feature", "properties": {"name": "zone"}, "geometry": {"type": "Polygon", "coordinates": [ring]}}
-        )
-    content = {
-        "type": "FeatureCollection",
-        "coordinates": "pixels",
-        "image_size_px": camera.size.astype(int).tolist(),
-        "frame": 0,
-        "features": features,
-    }
-    path.write_text(json.dumps(content))
-
-
-def zone_between(gates: list[tuple[str, np.ndarray]], camera: Camera) -> np.ndarray | None:
+def zone_between(gates: list[tuple[str, np.ndarray]]) -> np.ndarray | None:
     """Returns the area [4, 2] between the first two gates."""
     if len(gates) < 2:
         return None
@@ -112,10 +100,12 @@ def zone_between(gates: list[tuple[str, np.ndarray]], camera: Camera) -> np.ndar
 def compare(run: Path, truth_file: Path, binary: Path, folder: Path, tally: Tally) -> None:
     """Compares one run with its truth."""
     truth = read_json(truth_file)
-    paths, camera = true_paths(truth), Camera(truth)
+    paths, camera = true_paths(truth), Camera.of(truth["camera"])
     gates = gates_of(paths, camera)
-    zone = zone_between(gates, camera)
-    write_gates(folder / "gates.geojson", gates, zone, camera)
+    zone = zone_between(gates)
+    lines = {name: pixels(line, camera).tolist() for name, line in gates}
+    zones = {} if zone is None else {"zone": pixels(zone, camera).tolist()}
+    write_gates(folder / "gates.geojson", list(camera.image_size_px), lines, zones)
     out = folder / run.name
     subprocess.run([binary, "traffic", run, "--gates", folder / "gates.geojson", "--out", out], check=True, capture_output=True)
     found: dict[tuple[str, str], list[dict]] = defaultdict(list)
@@ -165,20 +155,15 @@ def matched(mine: list[Crossing], theirs: list[dict]) -> dict[int, int]:
 
 def measure(mine: list[Crossing], theirs: list[dict], pairs: dict[int, int], tally: Tally) -> None:
     """Adds the errors of times, speeds and headways of matched vehicles."""
-    leaders = {k: k - 1 for k in range(1, len(theirs))}
-    fronts = {pairs[i]: mine[i].front_s for i in pairs}
     for i, k in pairs.items():
         row, crossing = theirs[k], mine[i]
         tally.add("time", float(row["time_s"]) - crossing.time_s, float(row["time_sd_s"]))
         tally.add("speed", float(row["speed_kmh"]) - crossing.speed * KMH, float(row["speed_sd_kmh"]))
-        # the leader must be the true one
-        if (
-            row["headway_s"]
-            and i > 0
-            and pairs.get(i - 1) == leaders.get(k) is not None
-            and np.isfinite(fronts[k] + mine[i - 1].front_s)
-        ):
-            tally.add("headway", float(row["headway_s"]) - (crossing.front_s - mine[i - 1].front_s), float(row["headway_sd_s"]))
+        # The leader must be the true one.
+        if row["headway_s"] and i > 0 and k > 0 and pairs.get(i - 1) == k - 1:
+            headway_s = crossing.front_s - mine[i - 1].front_s
+            if np.isfinite(headway_s):
+                tally.add("headway", float(row["headway_s"]) - headway_s, float(row["headway_sd_s"]))
 
 
 def compare_stays(out: Path, paths: list[VehiclePath], zone: np.ndarray, tally: Tally) -> None:

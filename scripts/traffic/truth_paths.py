@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import gzip
-import json
 from collections import defaultdict
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
@@ -23,15 +20,6 @@ class VehiclePath:
     speeds: np.ndarray
     clear: np.ndarray
     length_m: float
-    width_m: float
-    kind: str
-
-
-def read_json(path: Path) -> dict:
-    """Reads a JSON file, gzipped or not."""
-    opened = gzip.open(path, "rt") if path.suffix == ".gz" else path.open()
-    with opened as file:
-        return json.load(file)
 
 
 def true_paths(truth: dict) -> list[VehiclePath]:
@@ -53,38 +41,10 @@ def true_paths(truth: dict) -> list[VehiclePath]:
     for number, listed in rows.items():
         if len(listed) > 1:
             table = np.array(listed, float)
-            length, width, _ = models[number]["dims_m"]
-            paths.append(
-                VehiclePath(
-                    table[:, 0],
-                    table[:, 1:3],
-                    np.unwrap(table[:, 3]),
-                    table[:, 4],
-                    table[:, 5] > 0,
-                    length,
-                    width,
-                    models[number]["class"],
-                )
-            )
+            length_m = models[number]["dims_m"][0]
+            times, x, y, headings, speeds, clear = table.T
+            paths.append(VehiclePath(times, np.stack([x, y], 1), np.unwrap(headings), speeds, clear > 0, length_m))
     return paths
-
-
-class Camera:
-    """The true camera."""
-
-    def __init__(self, truth: dict) -> None:
-        camera = truth["camera"]
-        self.size = np.array(camera["image_size_px"], float)
-        self.focal, self.principal = camera["focal_px"], np.array(camera["principal_point_px"])
-        self.pose = np.array(camera["camera_from_world"])
-
-    def pixel(self, ground: np.ndarray) -> np.ndarray | None:
-        """Returns the pixel of a ground point, from the corner of the picture; None if it is outside."""
-        x, y, z = self.pose[:3, :3] @ [*ground, 0.0] + self.pose[:3, 3]
-        if z < 1.0:
-            return None
-        found = self.focal * np.array([x, y]) / z + self.principal
-        return found if (found > 0).all() and (found < self.size).all() else None
 
 
 @dataclass
@@ -97,7 +57,6 @@ class Crossing:
     speed: float
     along_m: float
     clear: bool
-    length_m: float
 
 
 def crossings_of(path: VehiclePath, line: np.ndarray) -> list[Crossing]:
@@ -118,20 +77,20 @@ def crossings_of(path: VehiclePath, line: np.ndarray) -> list[Crossing]:
             return float(values[k] + share * (values[k + 1] - values[k]))
 
         if 0 < at(place) < np.linalg.norm(b - a):
-            before = np.nonzero((front[: k + 1] > 0) != (side[k] <= 0))[0]
-            fronts = np.nonzero((front[:-1] > 0) != (front[1:] > 0))[0]
-            i = fronts[fronts <= k][-1] if len(before) and (fronts <= k).any() else None
-            front_s = (
-                np.nan
-                if i is None
-                else path.times[i] + front[i] / (front[i] - front[i + 1]) * (path.times[i + 1] - path.times[i])
-            )
             clear = bool(path.clear[max(0, k - 4) : k + 6].mean() > 0.5)
             direction = "forward" if side[k] > 0 else "backward"
-            found.append(
-                Crossing(at(path.times), float(front_s), direction, abs(at(path.speeds)), at(place), clear, path.length_m)
-            )
+            front_s = front_time(path, front, k)
+            found.append(Crossing(at(path.times), front_s, direction, abs(at(path.speeds)), at(place), clear))
     return found
+
+
+def front_time(path: VehiclePath, front: np.ndarray, k: int) -> float:
+    """Returns the last time up to frame k at which the front crosses the line; NaN if it was not seen to do so."""
+    crossed = np.nonzero((front[: k + 1] > 0) != (front[1 : k + 2] > 0))[0]
+    if not len(crossed):
+        return np.nan
+    i = crossed[-1]
+    return float(path.times[i] + front[i] / (front[i] - front[i + 1]) * (path.times[i + 1] - path.times[i]))
 
 
 def inside(points: np.ndarray, ring: np.ndarray) -> np.ndarray:
@@ -148,6 +107,4 @@ def border_s(path: VehiclePath, zone: np.ndarray, k: int) -> float:
     """Returns the time between two frames at which a path crosses the border of the zone."""
     shares = np.linspace(0, 1, 101)[:, None]
     within = inside(path.centres[k] + shares * (path.centres[k + 1] - path.centres[k]), zone)
-    return float(
-        path.times[k] + np.mean(within != within[0]) * -(path.times[k + 1] - path.times[k]) + (path.times[k + 1] - path.times[k])
-    )
+    return float(path.times[k] + np.mean(within == within[0]) * (path.times[k + 1] - path.times[k]))

@@ -5,13 +5,12 @@ use nalgebra::Vector2;
 use crate::gate_figures::{headway_row, speed_row};
 use crate::passages::{Headway, Passage};
 use crate::records::LaneRow;
+use crate::scene::HALF_LANE_M;
 use crate::site::{Period, Site};
 use crate::{Direction, Gate, Lane, Speed};
 
 /// Length by which lanes are prolonged, m. A lane ends where vehicles come into view, near the gate of its road.
 const PROLONGED_M: f64 = 15.0;
-/// Largest distance of a vehicle from the middle of its lane at the gate, m: half of a usual lane.
-const HALF_LANE_M: f64 = 1.75;
 
 /// Returns the figures of a gate in one direction by lane and period. `passages` has the possible crossings.
 pub(crate) fn lane_rows(

@@ -15,6 +15,7 @@ mod stops;
 mod trips;
 
 pub use arm::{Arm, Flow};
+pub(crate) use border::HALF_LANE_M;
 pub use lane::{Lane, Stay, StopLine};
 
 use nalgebra::Vector2;
@@ -81,8 +82,6 @@ pub fn find_scene(clips: &[&Clip], north_rad: Option<f64>) -> Scene {
 const QUEUE_M: f64 = 60.0;
 /// Part of the area beyond the mean place of the front bumpers, m.
 const BEYOND_M: f64 = 1.0;
-/// Half of the width of the area, m: half of a usual lane.
-const HALF_WIDTH_M: f64 = 1.75;
 
 impl Scene {
     /// Returns the area of the queues at each stop line: its lane, up to the line.
@@ -117,7 +116,7 @@ fn before(lane: &Lane, place: &Vector2<f64>) -> Option<Vec<Vector2<f64>>> {
     middle.push(end);
     let left = |i: usize| {
         let (a, b) = (middle[i.saturating_sub(1)], middle[(i + 1).min(middle.len() - 1)]);
-        (b - a).try_normalize(0.0).map(|forward| Vector2::new(-forward.y, forward.x) * HALF_WIDTH_M)
+        (b - a).try_normalize(0.0).map(|forward| Vector2::new(-forward.y, forward.x) * HALF_LANE_M)
     };
     let sides: Vec<Vector2<f64>> = (0..middle.len()).map(left).collect::<Option<_>>()?;
     let side = |sign: f64| middle.iter().zip(&sides).map(move |(point, left)| point + left * sign);

@@ -12,7 +12,7 @@ use super::path::{Path, Point};
 /// Cosine of the largest angle between two vehicles in one direction: 30°.
 pub(super) const SAME_DIRECTION_COS: f64 = 0.866;
 /// Largest distance across the road between vehicles in one lane, m: half a lane (3.5 m, RAA 2008 and Green Book 2018).
-pub(super) const HALF_LANE_M: f64 = 1.75;
+pub(crate) const HALF_LANE_M: f64 = 1.75;
 /// Length over which a vehicle must be followed beyond a place to show that the place is no border, m. The first and
 /// last places in view of short and long vehicles differ by up to the length of a bus (12 m).
 const BEYOND_M: f64 = 12.0;

@@ -109,3 +109,15 @@ pub fn traffic_pictures(file: &TrafficFile, sites: &[Site]) -> Vec<(String, Stri
 fn plain(name: &str) -> String {
     name.chars().map(|c| if c.is_alphanumeric() || "._-".contains(c) { c } else { '_' }).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::COLOURS;
+    use crate::report::STYLE;
+
+    #[test]
+    fn pictures_have_the_colours_of_the_page() {
+        let light = STYLE.lines().next().unwrap();
+        assert!(COLOURS.split(';').all(|colour| light.contains(colour)), "{light}");
+    }
+}
