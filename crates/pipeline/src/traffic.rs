@@ -18,6 +18,7 @@ use std::path::{Path, PathBuf};
 use roadplane_traffic::{
     Clock, ClockError, Figures, Site, SiteClip, TRAFFIC_SCHEMA, TrafficCamera, TrafficFile, find_scene,
 };
+use roadplane_view::RoadPicture;
 use roadplane_write::{OutFile, Summary};
 
 use crate::PipelineError;
@@ -89,9 +90,15 @@ pub fn check_traffic(tables: &TrafficConfig) -> Result<(), PipelineError> {
     tables.gates.as_deref().map(GatesFile::read).transpose().map(|_read| ())
 }
 
-/// Returns the sections on traffic of a run's report, as HTML.
-pub(crate) fn traffic_sections(report: &TrafficReport) -> String {
-    roadplane_view::traffic_sections(&report.file, &report.sites)
+/// Returns the sections on traffic of a run's report, as HTML. `road` shows the road.
+///
+/// # Errors
+/// [`PipelineError::View`] if the picture cannot be written.
+pub(crate) fn traffic_sections(
+    report: &TrafficReport,
+    road: Option<&RoadPicture<'_>>,
+) -> Result<String, PipelineError> {
+    Ok(roadplane_view::traffic_sections(&report.file, &report.sites, road)?)
 }
 
 fn usage(error: ClockError) -> PipelineError {

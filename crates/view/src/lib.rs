@@ -35,6 +35,6 @@ pub use keypoint_sheet::{KeypointCase, keypoint_sheet};
 pub use lines::with_lines;
 pub use overlay::{DrawnCar, Overlay, horizon_y_px, track_colour};
 pub use report::{PlainFrame, ReportInput, Still, TrackStill, report_html};
-pub use traffic::{traffic_html, traffic_pictures, traffic_sections};
+pub use traffic::{RoadPicture, traffic_html, traffic_pictures, traffic_sections};
 pub use video::VideoSink;
 pub use warp::warped;

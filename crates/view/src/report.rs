@@ -18,3 +18,4 @@ pub(crate) use html::{escape, put};
 pub use input::{PlainFrame, ReportInput, Still, TrackStill};
 pub(crate) use page::STYLE;
 pub use page::report_html;
+pub(crate) use pictures::data_uri;

@@ -2,7 +2,8 @@
 //!
 //! - `page.rs`: the page, from its sections
 //! - `figures.rs`: the diagrams of a camera, also as files
-//! - `plan.rs`: gates with their volumes from above; heat map
+//! - `volumes.rs`: gates and zones with their volumes, from above or on a picture
+//! - `plan.rs`: plan from above; heat map
 //! - `time_space.rs`: time–space diagram of a gate's direction
 //! - `charts.rs`: bars over time and over speed
 
@@ -11,9 +12,11 @@ mod figures;
 mod page;
 mod plan;
 mod time_space;
+mod volumes;
 
 pub use figures::traffic_pictures;
 pub use page::{traffic_html, traffic_sections};
+pub use volumes::RoadPicture;
 
 use roadplane_traffic::{Group, Site};
 

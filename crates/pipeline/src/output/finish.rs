@@ -3,9 +3,11 @@
 use std::path::Path;
 use std::time::Instant;
 
+use image::RgbImage;
 use roadplane_activity::ActivityNet;
 use roadplane_base::ShapeAtlas;
 use roadplane_export::{Run, write_paths};
+use roadplane_view::RoadPicture;
 use roadplane_write::{
     RunStatus, StageSeconds, Summary, rounded_row, write_camera, write_evidence, write_json, write_summary,
 };
@@ -79,7 +81,11 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
     summary.peak_memory_bytes = peak_memory_bytes();
     summary.speed = meter.as_mut().map(Meter::speed);
     let report = folder.join("report.html");
-    let sections = config.traffic.enabled.then(|| run_traffic(folder, stem, &mut summary, config));
+    let run = TrafficRun { folder, stem, config };
+    let sections = config
+        .traffic
+        .enabled
+        .then(|| run_traffic(&run, road_picture(perceived, &solution).as_ref(), &mut summary));
     let sections = sections.unwrap_or_default();
     let pictures = ReportParts {
         traffic: &sections,
@@ -111,12 +117,31 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
     Ok(solution)
 }
 
+/// A run whose tables of traffic are written: its folder, its name and its settings.
+struct TrafficRun<'a> {
+    folder: &'a Path,
+    stem: &'a str,
+    config: &'a Config,
+}
+
+/// Returns a frame that shows the first position of the camera, with its camera.
+fn road_picture<'a>(perceived: &'a Perceived, solution: &'a ClipSolution) -> Option<RoadPicture<'a>> {
+    let is_first = |(_, time_s, _): &&(u64, f64, RgbImage)| solution.cameras.position_at(*time_s) == 0;
+    let (frame, time_s, picture) = perceived.samples.iter().find(is_first)?;
+    Some(RoadPicture {
+        picture,
+        camera: solution.cameras.at(*time_s)?,
+        picture_from_world: solution.views.of(*frame),
+    })
+}
+
 /// Computes and writes the tables of traffic into the folder `traffic` of a result, and returns the sections of the report. A
 /// fault becomes a warning, so that the tracks are not lost.
-fn run_traffic(folder: &Path, stem: &str, summary: &mut Summary, config: &Config) -> String {
+fn run_traffic(run: &TrafficRun<'_>, road: Option<&RoadPicture<'_>>, summary: &mut Summary) -> String {
+    let &TrafficRun { folder, stem, config } = run;
     let tables = folder.join("traffic");
     let sections = traffic_of_run(folder, stem, summary, &config.traffic).and_then(|mut report| {
-        let sections = traffic_sections(&report);
+        let sections = traffic_sections(&report, road)?;
         std::fs::create_dir_all(&tables)
             .map_err(|source| PipelineError::Unreadable { source, path: tables.clone() })?;
         write_traffic(&mut report, &tables)?;
@@ -162,6 +187,7 @@ pub fn note_solution(summary: &mut Summary, solution: &ClipSolution) {
     counts.rejected = solution.tally.rejected.clone();
     counts.poses_used = solution.poses_used;
     counts.tracks = solution.shapes.len() as u64;
+    counts.tracks_left_out = solution.tally.left_out_tracks;
     counts.track_rows = solution.row_count;
     summary.status = solution.status(summary.status == RunStatus::InputDamaged);
     summary.exit_code = if summary.status == RunStatus::Complete { 0 } else { 3 };

@@ -30,7 +30,7 @@ pub(super) fn figure(
 }
 
 /// Returns a picture as a data URI with a JPEG file. A picture wider than [`MAX_WIDTH`] is reduced to that width.
-pub(super) fn data_uri(picture: &RgbImage) -> Result<String, ViewError> {
+pub(crate) fn data_uri(picture: &RgbImage) -> Result<String, ViewError> {
     data_uri_up_to(picture, MAX_WIDTH, QUALITY)
 }
 

@@ -86,8 +86,13 @@ pub fn traffic_pictures(file: &TrafficFile, sites: &[Site]) -> Vec<(String, Stri
     let mut pictures = Vec::new();
     let mut add = |words: &[&str], figures: Vec<Figure>| {
         for Figure { name, svg, .. } in figures.into_iter().filter(|figure| !figure.svg.is_empty()) {
-            let name =
-                format!("{}-{name}.svg", words.iter().map(|word| plain(word)).collect::<Vec<_>>().join("-"));
+            let stem =
+                format!("{}-{name}", words.iter().map(|word| plain(word)).collect::<Vec<_>>().join("-"));
+            // Two names may differ only in characters that file names cannot have.
+            let numbered = (2..).map(|number| format!("{stem}-{number}.svg"));
+            let mut names = std::iter::once(format!("{stem}.svg")).chain(numbered);
+            let is_free = |name: &String| pictures.iter().all(|(other, _)| other != name);
+            let Some(name) = names.find(is_free) else { continue };
             let head = format!(
                 "<svg xmlns=\"http://www.w3.org/2000/svg\" font-family=\"sans-serif\" style=\"{COLOURS}\" "
             );

@@ -3,7 +3,9 @@
 use roadplane_traffic::{Direction, Group, SDS_95, Site, TrafficFile};
 
 use super::figures::{Figure, of_camera, of_gate};
-use super::{is_here, time_of_day};
+use super::volumes::on_picture;
+use super::{RoadPicture, is_here, time_of_day};
+use crate::ViewError;
 use crate::report::{STYLE, escape, put};
 
 /// Returns the page as HTML text. `sites` are the cameras of the file.
@@ -33,20 +35,32 @@ pub fn traffic_html(file: &TrafficFile, sites: &[Site]) -> String {
     page
 }
 
-/// Returns the sections of a run's report as HTML text; empty if no vehicle crosses a gate.
-#[must_use]
-pub fn traffic_sections(file: &TrafficFile, sites: &[Site]) -> String {
+/// Returns the sections of a run's report as HTML text; empty if no vehicle crosses a gate. `road` shows the road of the
+/// first site.
+///
+/// # Errors
+/// [`ViewError`] if the picture cannot be written.
+pub fn traffic_sections(
+    file: &TrafficFile,
+    sites: &[Site],
+    road: Option<&RoadPicture<'_>>,
+) -> Result<String, ViewError> {
     let mut page = String::new();
-    for site in sites {
+    for (index, site) in sites.iter().enumerate() {
         let crossed =
             file.figures.counts.iter().any(|row| row.group.camera == site.name && row.vehicles > Some(0));
         if crossed || !file.figures.zones.is_empty() {
             let number = if sites.len() > 1 { format!(": {}", escape(&site.name)) } else { String::new() };
             put(&mut page, format_args!("<h2>Traffic{number}</h2>\n"));
+            let road = road.filter(|_| index == 0).map(|road| on_picture(site, file, road)).transpose()?;
+            if let Some(svg) = road.flatten() {
+                let caption = "Gates and zones. An arrow is as wide as its number of vehicles.";
+                put(&mut page, format_args!("<figure>{svg}<figcaption>{caption}</figcaption></figure>\n"));
+            }
             camera(&mut page, file, site);
         }
     }
-    page
+    Ok(page)
 }
 
 fn camera(page: &mut String, file: &TrafficFile, site: &Site) {

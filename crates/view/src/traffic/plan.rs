@@ -3,10 +3,9 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
-use nalgebra::Vector2;
 use roadplane_traffic::{Site, TrafficFile, Vehicle};
 
-use crate::report::escape;
+use super::volumes::{Ink, places_with_volumes};
 use crate::sheet::Sheet;
 
 /// Largest width and height of a plan, px.
@@ -15,8 +14,6 @@ const MOST_PX: [f64; 2] = [1080.0, 560.0];
 const MARGIN_M: f64 = 3.0;
 /// Largest number of paths in a plan.
 const MOST_PATHS: usize = 300;
-/// Width of the arrow of the largest flow, px.
-const WIDEST_PX: f64 = 18.0;
 /// Size of a cell of the heat map, m.
 const CELL_M: f64 = 1.0;
 
@@ -82,76 +79,10 @@ pub(super) fn plan(site: &Site, file: &TrafficFile) -> Option<String> {
             "<polyline points=\"{points}\" fill=\"none\" stroke=\"var(--soft)\" stroke-opacity=\".35\"/>"
         ));
     }
-    let camera = file.cameras.iter().find(|camera| camera.name == site.name)?;
-    let volumes = volumes(site, file);
-    let most = volumes.values().copied().max().unwrap_or(0).max(1) as f64;
-    for place in &camera.places {
-        let points = points(&sheet, place.points_m.iter().copied());
-        let (name, colour) = (escape(&place.name), if place.is_zone { "#2f9e62" } else { "#d9480f" });
-        let shape = if place.is_zone { "polygon" } else { "polyline" };
-        put(format_args!(
-            "<{shape} points=\"{points}\" fill=\"{}\" fill-opacity=\".15\" stroke=\"{colour}\" stroke-width=\"2.5\"/>",
-            if place.is_zone { colour } else { "none" }
-        ));
-        let Some((x, y)) = place.points_m.first().map(|[x, y]| sheet.at(*x, *y)) else { continue };
-        put(format_args!("<text x=\"{x:.1}\" y=\"{:.1}\" fill=\"{colour}\">{name}</text>", y - 6.0));
-        if place.is_zone {
-            continue;
-        }
-        for (direction, sign) in [("forward", 1.0), ("backward", -1.0)] {
-            let Some(&volume) = volumes.get(&(place.name.as_str(), direction)).filter(|n| **n > 0) else {
-                continue;
-            };
-            let (from, to, text) = arrow(&sheet, &place.points_m, sign);
-            let width = (volume as f64 / most * WIDEST_PX).max(2.0);
-            put(format_args!(
-                "<path d=\"M{:.1} {:.1}L{:.1} {:.1}\" stroke=\"#d9480f\" stroke-opacity=\".6\" stroke-width=\"{width:.1}\"/>\
-                 <circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"{:.1}\" fill=\"#d9480f\"/>\
-                 <text x=\"{:.1}\" y=\"{:.1}\" fill=\"var(--ink)\" font-weight=\"600\" text-anchor=\"middle\">{volume}</text>",
-                from[0],
-                from[1],
-                to[0],
-                to[1],
-                to[0],
-                to[1],
-                width / 2.0 + 3.0,
-                text[0],
-                text[1]
-            ));
-        }
-    }
+    let at = |[x_m, y_m]: [f64; 2]| Some(<[f64; 2]>::from(sheet.at(x_m, y_m)));
+    svg.push_str(&places_with_volumes(site, file, &at, &Ink { text: "fill=\"var(--ink)\"", scale: 1.0 })?);
     svg.push_str("</svg>\n");
     Some(svg)
-}
-
-/// Returns begin and end of a gate's arrow and the place of its number, px. The arrow points to the side to which the
-/// vehicles drive; `sign` is 1 for forward, which is to the right of the line.
-fn arrow(sheet: &Sheet, line: &[[f64; 2]], sign: f64) -> ([f64; 2], [f64; 2], [f64; 2]) {
-    let [a, b] = [line[0], line[line.len() - 1]].map(Vector2::from);
-    let along = (b - a).try_normalize(0.0).unwrap_or_default();
-    let right = Vector2::new(along.y, -along.x) * sign;
-    // The arrows of the two directions lie side by side.
-    let share = if sign > 0.0 { 0.35 } else { 0.65 };
-    let middle = a + (b - a) * share;
-    let length_m = 28.0 / sheet.px_per_m;
-    let place = |p: Vector2<f64>| <[f64; 2]>::from(sheet.at(p.x, p.y));
-    (
-        place(middle - right * length_m * 0.4),
-        place(middle + right * length_m),
-        place(middle + right * length_m * 1.7),
-    )
-}
-
-/// Number of vehicles over all periods, by gate and direction.
-fn volumes<'a>(site: &Site, file: &'a TrafficFile) -> BTreeMap<(&'a str, &'a str), u64> {
-    let mut volumes = BTreeMap::new();
-    for row in
-        file.figures.counts.iter().filter(|row| row.group.camera == site.name && row.group.class == "all")
-    {
-        *volumes.entry((row.group.place.as_str(), row.group.direction.as_str())).or_default() +=
-            row.vehicles.unwrap_or(0);
-    }
-    volumes
 }
 
 /// Returns the heat map: the time that vehicles spend in each cell of the ground.
