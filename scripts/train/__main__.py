@@ -7,7 +7,7 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-PARTS = ("cars", "render", "net", "detect", "activity")
+PARTS = ("cars", "render", "net", "detect", "activity", "tracks")
 
 
 def commands() -> dict[tuple[str, str], str]:

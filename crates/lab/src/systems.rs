@@ -11,7 +11,7 @@ use roadplane_base::ShapeAtlas;
 use roadplane_pipeline::Config;
 
 pub use answer::{CameraAnswer, CarAnswer, FrameAnswer, FrameInput};
-pub use fused::{FusedClip, solve_fused};
+pub use fused::{FusedClip, solve_fused, solve_recorded};
 
 /// A system that estimates the poses of the cars in a single frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -499,11 +499,10 @@ impl Config {
         range("solve.min_box_overlap", solve.min_box_overlap, 0.0, 1.0)?;
         range("solve.max_rms_share", solve.max_rms_share, 0.0, 1.0)?;
         let track = &self.track;
-        range("track.birth_score", track.birth_score, 0.0, 1.0)?;
         range("track.confirm_hits", track.confirm_hits as f64, 1.0, 1000.0)?;
         range("track.confirm_frames", track.confirm_frames as f64, 1.0, 1000.0)?;
         range("track.min_observed", track.min_observed as f64, 1.0, 10_000.0)?;
-        range("track.min_duty", track.min_duty, 0.0, 1.0)?;
+        range("track.min_exists_p", track.min_exists_p, 0.0, 1.0)?;
         range("track.max_coast_s", track.max_coast_s, 0.0, 3600.0)?;
         range("track.max_parked_coast_s", track.max_parked_coast_s, 0.0, 86_400.0)?;
         range("track.gate", track.gate, 1.0, 1000.0)?;

@@ -7,7 +7,7 @@ use std::sync::Arc;
 use roadplane_base::{CameraEstimate, CameraStatus, CarRef, PoseRecord, Shape, ShapeAtlas, TrackRow};
 use roadplane_calibrate::{OneCamera, Places, PlacesBuilder};
 use roadplane_geo::{NotPlaced, Place, Site};
-use roadplane_track::Track;
+use roadplane_track::{Evidence, Track};
 use roadplane_write::{FrameReader, PoseLines, RunStatus, read_jsonl, read_scene_curves};
 
 use crate::cameras::camera_track::CameraTrack;
@@ -34,6 +34,8 @@ pub struct ClipSolution {
     pub has_refused_points: bool,
     /// Shape of each tracked vehicle, by the number of its track.
     pub shapes: BTreeMap<u64, Shape>,
+    /// All that shows whether a track is a vehicle, by the number of the track.
+    pub evidence: BTreeMap<u64, Evidence>,
     /// Rows of the track files that are kept for drawing, sorted by frame and then by track.
     pub rows: Vec<TrackRow>,
     /// Number of rows in the track files, including rows that are not in `rows`.
@@ -238,13 +240,15 @@ pub(crate) fn solve_constrained_clip(
     let spool = poses.with_extension("spool");
     let mut poses = Poses { lines: PoseLines::create(poses)?, reprojection_rms_px: Vec::new(), used: 0 };
     let (mut tally, mut numbers) = (Tally::default(), Numbers::default());
-    let (mut shapes, mut motion, mut row_count) = (BTreeMap::new(), Views::default(), 0);
+    let (mut shapes, mut evidence) = (BTreeMap::new(), BTreeMap::new());
+    let (mut motion, mut row_count) = (Views::default(), 0);
     for chunk in load.chunks(most_rows) {
         // The first pass estimates the shape of a car in each frame separately. In the second pass, the car has the
         // shape of its track.
         let seen = first.seen_by(chunk);
         let (found, _) = pass.tracks(seen, chunk, None, &mut Tally::default(), |_| Ok(()))?;
-        let vehicles = tracked_cars(&found, atlas);
+        let vehicles =
+            if config.track.steps.second_pass { tracked_cars(&found, atlas) } else { BTreeMap::new() };
         // The tracks of a chunk need much memory, so they are dropped as soon as possible.
         drop(found);
         let mut spooled = PoseLines::create(&spool)?;
@@ -256,10 +260,11 @@ pub(crate) fn solve_constrained_clip(
             track.shape.mean = atlas.clamped(&track.shape.mean);
         }
         drop(vehicles);
-        tracks.retain(|track| pass.is_where_it_is_seen(track, &views));
+        tracks.retain(|track| !config.track.steps.own_boxes || pass.is_where_it_is_seen(track, &views));
         let tracks = numbers.give(tracks, chunk);
         poses.add(&spool, &tracks)?;
         shapes.extend(tracks.iter().map(|track| (track.id, track.shape.mean)));
+        evidence.extend(tracks.iter().map(|track| (track.id, track.evidence)));
         let mut rows = Vec::with_capacity(tracks.iter().map(|track| track.states.len()).sum());
         for track in tracks {
             rows.extend(pass.rows(&track, &views));
@@ -277,6 +282,7 @@ pub(crate) fn solve_constrained_clip(
         place,
         has_refused_points,
         shapes,
+        evidence,
         rows: Vec::new(),
         row_count,
         reprojection_rms_px,

@@ -11,7 +11,7 @@
 //!                inputs are lines of the scene, user constraints (known.rs), the camera database (memory.rs) and the
 //!                lens (lens.rs). joining.rs has the options for joining windows and clips
 //! tracks/        estimates tracks from the frames and the camera: poses of cars (cars.rs, ground_contact.rs,
-//!                hidden.rs), one pass over a time chunk (pass.rs, scene.rs), validation (believe.rs), rows of tracks
+//!                hidden.rs), one pass over a time chunk (pass.rs, scene.rs), validation of fits (believe.rs), rows of tracks
 //!                (rows.rs), activities (activities.rs)
 //! estimation.rs  runs cameras/ and then tracks/ for a whole clip
 //! output/        writes the files of a result (finish.rs, track_rows.rs), its report and its video (draw.rs,

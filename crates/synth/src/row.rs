@@ -31,6 +31,7 @@ pub fn stationary_row(track: u64, frame: u64, time_s: f64) -> TrackRow {
         activity_p: None,
         x_own_sd_m: None,
         y_own_sd_m: None,
+        exists_p: None,
         on_map: None,
     }
 }

@@ -1,14 +1,10 @@
-//! Starts tracks from boxes alone. The boxes, weak and strong, have no track. They move together, or they are
-//! stationary and certain.
+//! Starts tracks from boxes alone, weak and strong, that no track has.
 //!
 //! Some cars are seen from high above, or half in the dark. They are found in nearly every inference frame, but with
-//! certainty in few. A stationary object with such boxes may be a hedge, and motorcycles are weak boxes that move. A
-//! vehicle is found in most inference frames and is certain in some of them. It also moves on steadily, farther than
-//! its box is large.
+//! certainty in few. At the picture's edge, the lens may distort the keypoints so much that they fit no car.
 //!
 //! The boxes are chained in the picture, where no property of the vehicle is needed. They are placed on the ground once
-//! the chain shows the direction of travel. A stationary car needs no keypoints, either, if the detector is as certain
-//! of it as of few hedges. At the picture's edge the lens may distort the keypoints so much that they fit no car.
+//! the chain shows the direction of travel. Whether the track is a vehicle is decided as for any other track.
 
 use std::{
     collections::{BTreeMap, BTreeSet},
@@ -19,13 +15,8 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 use roadplane_base::{Shape, VehicleClass, bbox_centre, bbox_iou, bbox_share_inside};
 
 use crate::{
-    BoxSighting, ExpectedVehicle, Looks, Placed, Scene,
-    box_motion::BoxMotion,
-    complete::Frames,
-    expected::SURE_OVERLAP,
-    extend::BoxesByFrame,
-    measurement::{SURE_SCORE, Sighting},
-    raw_track::RawTrack,
+    BoxSighting, ExpectedVehicle, Placed, Scene, box_motion::BoxMotion, complete::Frames,
+    expected::SURE_OVERLAP, extend::BoxesByFrame, measurement::Sighting, raw_track::RawTrack,
 };
 
 /// Time without a box after which a chain ends, s.
@@ -42,16 +33,8 @@ const PART: f64 = 0.8;
 /// Distance within which a box touches the box of a truck or bus, in shorter sides of the touching box. Boxes of
 /// lorries and buses may end that far before the vehicle does.
 const APART: f64 = 1.2;
-/// Least share of the inference frames of its life in which a chain is found, 0–1.
-const MIN_FOUND: f64 = 0.75;
-/// Least share of a chain's boxes of which the detector is certain, 0–1.
-const MIN_SURE_SHARE: f64 = 0.1;
 /// Least number of a chain's boxes of which the detector is certain.
 const MIN_SURE: usize = 3;
-/// Least duration of a stationary car without keypoints, s. Its mean score must reach [`SURE_SCORE`].
-const SURE_STAND_S: f64 = 2.0;
-/// Overlap (IoU) with its first box that all boxes of a stationary car must exceed.
-const SURE_STAND_OVERLAP: f64 = 0.5;
 /// Length of one step of a chain's path in the picture, in box sizes (square root of the area).
 const STEP_SIZES: f64 = 0.5;
 /// Least number of steps of a chain that moves on.
@@ -85,35 +68,9 @@ impl Chain {
         self.boxes.push((frame, seen));
     }
 
-    /// Whether the chain is a vehicle. It must be found, and be certain, often enough. It must also move on steadily,
-    /// or be a stationary car beyond doubt. Frames in which its box is carried over do not count, as the nets do not
-    /// run on it.
-    fn is_vehicle(&self, frames: &Frames) -> bool {
-        let (Some((first, _)), Some((last, _))) = (self.boxes.first(), self.boxes.last()) else {
-            return false;
-        };
-        let held: BTreeSet<usize> =
-            self.boxes.iter().filter(|(_, seen)| seen.held).map(|(frame, _)| *frame).collect();
-        let looked = (*first..=*last).filter(|frame| frames.looked[*frame] && !held.contains(frame));
-        let looks = Looks::of(looked.map(|frame| frames.times_s[frame])).count as f64;
-        let seen: Vec<&(usize, BoxSighting)> = self.boxes.iter().filter(|(_, seen)| !seen.held).collect();
-        let found = Looks::of(seen.iter().map(|(frame, _)| frames.times_s[*frame])).count as f64;
-        let sure = seen.iter().filter(|(_, seen)| seen.is_sure()).count();
-        let score = seen.iter().map(|(_, seen)| seen.score).sum::<f64>() / seen.len().max(1) as f64;
-        let is_found = found >= MIN_FOUND * looks;
-        let is_sure = sure >= MIN_SURE && sure as f64 >= MIN_SURE_SHARE * seen.len() as f64;
-        is_found && is_sure && (self.goes_on() || score >= SURE_SCORE && self.is_car_that_stands(frames))
-    }
-
-    /// Whether the chain is a stationary car: its boxes stay in one position for long enough.
-    fn is_car_that_stands(&self, frames: &Frames) -> bool {
-        let (Some((first, at)), Some((last, _))) = (self.boxes.first(), self.boxes.last()) else {
-            return false;
-        };
-        let stays = |seen: &BoxSighting| bbox_iou(&at.bbox_px, &seen.bbox_px) > SURE_STAND_OVERLAP;
-        class(&self.boxes) == VehicleClass::Car
-            && frames.times_s[*last] - frames.times_s[*first] >= SURE_STAND_S
-            && self.boxes.iter().all(|(_, seen)| stays(seen))
+    /// Whether the detector is certain of enough of the chain's boxes, as of those of any track.
+    fn is_certain(&self) -> bool {
+        self.boxes.iter().filter(|(_, seen)| seen.is_sure() && !seen.held).count() >= MIN_SURE
     }
 
     /// Whether the chain moves on steadily in the picture, in several steps that turn little.
@@ -184,7 +141,7 @@ fn chains(free: &BoxesByFrame, frames: &Frames, is_free: impl Fn(usize, &[f64; 4
     for (&frame, boxes) in free {
         let time_s = frames.times_s[frame];
         let ended = open.extract_if(.., |chain| chain.motion.unseen_s(time_s) > LOST_S);
-        done.extend(ended.filter(|chain| chain.is_vehicle(frames)));
+        done.extend(ended.filter(Chain::is_certain));
         let boxes: Vec<&BoxSighting> = boxes.iter().filter(|seen| is_free(frame, &seen.bbox_px)).collect();
         let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
         for (c, chain) in open.iter().enumerate() {
@@ -208,7 +165,7 @@ fn chains(free: &BoxesByFrame, frames: &Frames, is_free: impl Fn(usize, &[f64; 4
         let new = boxes.iter().enumerate().filter(|(b, _)| !used.contains(b));
         open.extend(new.map(|(_, seen)| Chain::new(frame, **seen, time_s)));
     }
-    done.extend(open.into_iter().filter(|chain| chain.is_vehicle(frames)));
+    done.extend(open.into_iter().filter(Chain::is_certain));
     done
 }
 

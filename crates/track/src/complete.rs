@@ -3,16 +3,17 @@
 use std::collections::BTreeSet;
 
 use nalgebra::Vector3;
-use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass, angle_difference, bbox_iou};
+use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass, angle_difference};
 
 use crate::{
-    BoxSighting, ExpectedVehicle, Looks, Placed, Track, TrackOptions, TrackState,
+    BoxSighting, Evidence, ExpectedVehicle, Placed, Track, TrackOptions, TrackState,
     begin::begin,
     by_boxes::Body,
     duplicates::{merge_duplicates, merge_smoothed},
     extend::{BoxesByFrame, extend},
     link::link,
-    measurement::{Sighting, Size},
+    looks::Looks,
+    measurement::Size,
     raw_track::RawTrack,
     smooth::smooth_track,
     smooth_boxes::smooth_by_boxes,
@@ -28,14 +29,15 @@ const LENGTHENED_HIDDEN_S: f64 = 2.0;
 /// Distance from the rear axle to the centre of a truck or bus, as a share of its length.
 const HALF_WHEELBASE: f64 = 0.25;
 
-/// Knowledge of the scene, beyond the detections. It validates tracks and converts between boxes and poses.
+/// Knowledge of the scene, beyond the detections. It converts between boxes and poses.
 pub trait Scene {
-    /// Returns the existence interval of a track: the times (s) between which it is a vehicle. Detections outside the
-    /// interval are removed. `None` means that the track is no vehicle.
-    fn vehicle_s(&self, track: &Track) -> Option<[f64; 2]>;
-
     /// Returns the size of vehicles of a class, with this shape for cars; `None` without a model of bodies.
     fn size(&self, _class: VehicleClass, _shape: &Shape) -> Option<Size> {
+        None
+    }
+
+    /// Returns length, width and height of the site's mean car, m; `None` without a model of bodies.
+    fn mean_car(&self) -> Option<Vector3<f64>> {
         None
     }
 
@@ -54,12 +56,8 @@ pub trait Scene {
     fn place(&self, stamp: &FrameStamp, seen: &BoxSighting, vehicle: &ExpectedVehicle) -> Option<Placed>;
 }
 
-/// A scene without knowledge: every track counts as a vehicle, and boxes give no poses.
+/// A scene without knowledge: boxes give no poses.
 impl Scene for () {
-    fn vehicle_s(&self, _: &Track) -> Option<[f64; 2]> {
-        Some([f64::NEG_INFINITY, f64::INFINITY])
-    }
-
     fn place(&self, _: &FrameStamp, _: &BoxSighting, _: &ExpectedVehicle) -> Option<Placed> {
         None
     }
@@ -86,63 +84,60 @@ impl Frames {
         self.looked.push(looked);
         (self.stamps.len() - 1, time_s)
     }
+
+    /// Returns the number of inference frames that are far enough apart in time.
+    fn looks(&self) -> usize {
+        let looked = self.times_s.iter().zip(&self.looked).filter(|(_, looked)| **looked);
+        Looks::of(looked.map(|(time_s, _)| *time_s)).count
+    }
 }
 
-/// Returns all tracks, ordered by first frame and then by x. Weak boxes come last, after the tracks without them were
-/// validated. They lengthen these tracks and start others, which may be parts of one vehicle.
+/// The result of a tracker.
+#[derive(Clone, Debug, Default)]
+pub struct Tracks {
+    /// Tracks, ordered by first frame and then by x.
+    pub tracks: Vec<Track>,
+    /// Time stamp of the first detection of each track that is left out, because it is probably no vehicle.
+    pub left_out: Vec<FrameStamp>,
+}
+
+/// Returns all tracks that are probably vehicles. Weak boxes come last. They lengthen the tracks that exist without them,
+/// and start others, which may be parts of one vehicle.
 pub(crate) fn complete(
     tracklets: Vec<RawTrack>,
     mut free: BoxesByFrame,
     frames: &Frames,
-    looks: Looks,
     options: &TrackOptions,
     scene: &impl Scene,
-) -> Vec<Track> {
-    let of = |track: &RawTrack| {
-        let mut options = options.clone();
-        if let Some(dims_m) = track.dims_m() {
-            let half_wheelbase_m = HALF_WHEELBASE * dims_m.x;
-            // The wheels turn by the same angles, which makes a long vehicle's path less curved.
-            let bend = options.half_wheelbase_m / half_wheelbase_m;
-            options.curvature_sd *= bend;
-            options.curvature_change *= bend;
-            options.half_wheelbase_m = half_wheelbase_m;
-        }
-        options
-    };
-    let smooth =
-        |track: &RawTrack| smooth_track(&track.observations, &frames.stamps, &frames.times_s, &of(track));
-    let least = options.min_observed.min(looks.count.div_ceil(2));
-    let mut raw = merge_duplicates(link(merge_duplicates(tracklets), options.max_hidden_s));
-    raw.retain(|track| is_seen_enough(track, least, frames, options));
-    let mut whole = believed(merge_smoothed(raw, smooth), frames, scene, smooth);
+) -> Tracks {
+    let steps = options.steps;
+    let least = options.min_observed.min(frames.looks().div_ceil(2));
+    let mut completion = Completion { frames, options, scene, least, left_out: Vec::new() };
+    let linked = completion.linked(completion.merged(tracklets), options.max_hidden_s);
+    let raw = completion.merged(linked).into_iter().filter(|raw| raw.observations.len() >= least);
+    let (mut whole, others): (Vec<_>, Vec<_>) = (completion.smoothed(raw.collect()).into_iter())
+        .partition(|(raw, states)| completion.exists(raw, states));
     if !free.is_empty() {
+        // The boxes of another object are explained, too.
+        leave_out(&mut free, others.iter().chain(&whole).map(|(raw, _)| raw));
         let mut raw: Vec<RawTrack> = whole.into_iter().map(|(raw, _)| raw).collect();
-        leave_out(&mut free, &raw);
-        for (lengthened, sure) in extend(&mut raw, &mut free, frames, options, scene) {
-            keep_drivable(&mut raw[lengthened], sure, smooth);
+        if steps.extend {
+            for (lengthened, sure) in extend(&mut raw, &mut free, frames, options, scene) {
+                if steps.drivable {
+                    keep_drivable(&mut raw[lengthened], sure, |track| completion.smooth(track));
+                }
+            }
         }
-        raw.extend(begin(&free, &raw, frames, scene));
-        whole = merge_smoothed(link(raw, LENGTHENED_HIDDEN_S.min(options.max_hidden_s)), smooth);
+        if steps.begin {
+            let mut begun = begin(&free, &raw, frames, scene);
+            begun.retain(|raw| completion.exists(raw, &completion.smooth(raw)));
+            raw.extend(begun);
+        }
+        whole = completion.smoothed(completion.linked(raw, LENGTHENED_HIDDEN_S.min(options.max_hidden_s)));
+        whole.retain(|(raw, states)| completion.exists(raw, states));
     }
-    let finished = |(raw, states): (RawTrack, Vec<TrackState>)| {
-        let track = smoothed(&raw, states);
-        let size = scene.size(track.class, &track.shape.mean);
-        let by_boxes = size.and_then(|size| {
-            let body = Body { class: track.class, known: size, start_m: track.dims_m.unwrap_or(size.dims_m) };
-            smooth_by_boxes(&raw.observations, &frames.stamps, &frames.times_s, &of(&raw), &body, scene)
-        });
-        match by_boxes {
-            Some((states, size)) => Track {
-                dims_m: track.dims_m.map(|_| size.dims_m),
-                dims_covariance: track.dims_m.map(|_| size.covariance),
-                states,
-                ..track
-            },
-            None => track,
-        }
-    };
-    let mut tracks: Vec<Track> = whole.into_iter().map(finished).collect();
+    let mut tracks: Vec<Track> =
+        whole.into_iter().filter_map(|(raw, states)| completion.finished(&raw, states)).collect();
     tracks.retain(|track| !track.states.is_empty());
     let key = |track: &Track| track.states.first().map(|s| (s.stamp.index, s.pose.x_m, s.pose.y_m));
     tracks.sort_by(|a, b| match (key(a), key(b)) {
@@ -152,42 +147,108 @@ pub(crate) fn complete(
     for (id, track) in (1..).zip(&mut tracks) {
         track.id = id;
     }
-    tracks
+    Tracks { tracks, left_out: completion.left_out }
 }
 
-/// Whether a track was detected in enough frames. The inference frames of its life count, and those in which it was
-/// carried over.
-fn is_seen_enough(track: &RawTrack, least: usize, frames: &Frames, options: &TrackOptions) -> bool {
-    let seen = Looks::of(track.observations.iter().map(|o| o.time_s));
-    let (mut life, mut next) = (Looks::default(), 0);
-    for o in &track.observations {
-        let between = next.max(track.observations[0].frame)..o.frame;
-        between.filter(|&frame| frames.looked[frame]).for_each(|frame| {
-            life.add(frames.times_s[frame]);
-        });
-        life.add(o.time_s);
-        next = o.frame + 1;
+/// The steps that turn tracklets into tracks.
+struct Completion<'a, S> {
+    /// All frames.
+    frames: &'a Frames,
+    /// Settings of the tracker.
+    options: &'a TrackOptions,
+    /// Knowledge of the scene.
+    scene: &'a S,
+    /// Least number of detections of a track.
+    least: usize,
+    /// Time stamp of the first detection of each track that is left out, because it is probably no vehicle.
+    left_out: Vec<FrameStamp>,
+}
+
+impl<S: Scene> Completion<'_, S> {
+    /// Merges tracks of one vehicle, by single detections.
+    fn merged(&self, tracks: Vec<RawTrack>) -> Vec<RawTrack> {
+        if self.options.steps.merge { merge_duplicates(tracks) } else { tracks }
     }
-    let dense = seen.count as f64 >= options.min_duty * life.count as f64;
-    track.observations.len() >= least && (dense || is_coherent(&track.observations))
-}
 
-/// Validates tracks: keeps those that are vehicles, within their existence intervals. Returns them with their states.
-fn believed(
-    tracks: Vec<(RawTrack, Vec<TrackState>)>,
-    frames: &Frames,
-    scene: &impl Scene,
-    smooth: impl Fn(&RawTrack) -> Vec<TrackState>,
-) -> Vec<(RawTrack, Vec<TrackState>)> {
-    let of_vehicle = |(mut raw, states): (RawTrack, Vec<TrackState>)| {
-        let track = smoothed(&raw, states);
-        let [from_s, to_s] = scene.vehicle_s(&track)?;
-        let all = raw.observations.len();
-        raw.observations.retain(|o| (from_s..=to_s).contains(&frames.stamps[o.frame].time_s()));
-        let states = if raw.observations.len() < all { smooth(&raw) } else { track.states };
-        (!states.is_empty()).then_some((raw, states))
-    };
-    tracks.into_iter().filter_map(of_vehicle).collect()
+    /// Links tracks over gaps of up to `horizon_s`, s.
+    fn linked(&self, tracks: Vec<RawTrack>, horizon_s: f64) -> Vec<RawTrack> {
+        if self.options.steps.link { link(tracks, horizon_s) } else { tracks }
+    }
+
+    /// Smooths tracks, and merges those of one vehicle by their smoothed poses. Returns them with their states.
+    fn smoothed(&self, tracks: Vec<RawTrack>) -> Vec<(RawTrack, Vec<TrackState>)> {
+        if self.options.steps.merge {
+            return merge_smoothed(tracks, |track| self.smooth(track));
+        }
+        let with_states = |track: RawTrack| {
+            let states = self.smooth(&track);
+            (track, states)
+        };
+        tracks.into_iter().map(with_states).collect()
+    }
+
+    /// Returns the smoothed states of a track.
+    fn smooth(&self, track: &RawTrack) -> Vec<TrackState> {
+        let Frames { stamps, times_s, .. } = self.frames;
+        smooth_track(&track.observations, stamps, times_s, &self.options_of(track))
+    }
+
+    /// Returns the settings for a vehicle of this size. The wheels of all vehicles turn by the same angles, which makes a
+    /// long vehicle's path less curved.
+    fn options_of(&self, track: &RawTrack) -> TrackOptions {
+        let mut options = self.options.clone();
+        if let Some(dims_m) = track.dims_m() {
+            let half_wheelbase_m = HALF_WHEELBASE * dims_m.x;
+            let bend = options.half_wheelbase_m / half_wheelbase_m;
+            options.curvature_sd *= bend;
+            options.curvature_change *= bend;
+            options.half_wheelbase_m = half_wheelbase_m;
+        }
+        options
+    }
+
+    /// Collects what shows whether a track is a vehicle; `None` without a detection.
+    fn evidence(&self, raw: &RawTrack, states: &[TrackState]) -> Option<Evidence> {
+        let (class, shape) = (raw.class(), raw.shape.fused().mean);
+        let dims_m = raw.dims_m().or_else(|| Some(self.scene.size(class, &shape)?.dims_m));
+        let above_car_m = dims_m.zip(self.scene.mean_car()).map_or(0.0, |(dims_m, car_m)| dims_m.z - car_m.z);
+        Evidence::of(&raw.observations, states, class, above_car_m)
+    }
+
+    /// Whether a track has enough detections and is probably a vehicle. If it is none, it is listed as left out.
+    fn exists(&mut self, raw: &RawTrack, states: &[TrackState]) -> bool {
+        if raw.observations.len() < self.least {
+            return false;
+        }
+        let is_vehicle = |evidence: Evidence| evidence.probability() >= self.options.min_exists_p;
+        let exists = !self.options.steps.existence || self.evidence(raw, states).is_some_and(is_vehicle);
+        if !exists {
+            self.left_out.extend(states.first().map(|state| state.stamp));
+        }
+        exists
+    }
+
+    /// Returns the finished track. Where only boxes show the vehicle, they give its path and its size together.
+    fn finished(&self, raw: &RawTrack, states: Vec<TrackState>) -> Option<Track> {
+        let evidence = self.evidence(raw, &states)?;
+        let (class, dims_m, shape) = (raw.class(), raw.dims_m(), raw.shape.fused());
+        let track = Track { id: 0, class, dims_m, dims_covariance: None, states, shape, evidence };
+        let size = self.scene.size(class, &shape.mean).filter(|_| self.options.steps.by_boxes);
+        let by_boxes = size.and_then(|size| {
+            let body = Body { class, known: size, start_m: dims_m.unwrap_or(size.dims_m) };
+            let Frames { stamps, times_s, .. } = self.frames;
+            smooth_by_boxes(&raw.observations, stamps, times_s, &self.options_of(raw), &body, self.scene)
+        });
+        Some(match by_boxes {
+            Some((states, size)) => Track {
+                dims_m: dims_m.map(|_| size.dims_m),
+                dims_covariance: dims_m.map(|_| size.covariance),
+                states,
+                ..track
+            },
+            None => track,
+        })
+    }
 }
 
 /// Removes the parts of a lengthened track that no vehicle can drive, outside the frames `sure`. Weak boxes are
@@ -201,8 +262,8 @@ fn keep_drivable(track: &mut RawTrack, sure: [usize; 2], smooth: impl Fn(&RawTra
 }
 
 /// Removes the boxes that tracks have already.
-fn leave_out(free: &mut BoxesByFrame, tracks: &[RawTrack]) {
-    let seen = tracks.iter().flat_map(|track| &track.observations);
+fn leave_out<'a>(free: &mut BoxesByFrame, tracks: impl Iterator<Item = &'a RawTrack>) {
+    let seen = tracks.flat_map(|track| &track.observations);
     let owned: BTreeSet<(usize, usize)> = seen.filter_map(|seen| Some((seen.frame, seen.car?))).collect();
     for (frame, boxes) in free {
         boxes.retain(|seen| seen.car.is_none_or(|car| !owned.contains(&(*frame, car))));
@@ -229,24 +290,4 @@ fn drivable(states: &[TrackState], first: usize, sure: [usize; 2]) -> Option<[us
         }
     }
     (kept != whole).then_some(kept)
-}
-
-/// Returns a track with these states. Its number is not set yet.
-fn smoothed(raw: &RawTrack, states: Vec<TrackState>) -> Track {
-    Track {
-        id: 0,
-        class: raw.class(),
-        dims_m: raw.dims_m(),
-        dims_covariance: None,
-        states,
-        shape: raw.shape.fused(),
-    }
-}
-
-/// Whether the box mostly stays in its position from one detection to the next. That of a parked car does, even if it
-/// is often hidden. Chains of false alarms jump.
-fn is_coherent(sightings: &[Sighting]) -> bool {
-    let stays =
-        sightings.windows(2).filter(|pair| bbox_iou(&pair[0].bbox_px, &pair[1].bbox_px) > 0.3).count();
-    2 * stays + 1 > sightings.len()
 }

@@ -196,6 +196,7 @@ mod tests {
             lacks_keypoints: false,
             cut: [false; 4],
             hidden: [false, true, true, false],
+            fit_rms_share: None,
         }
     }
 

@@ -10,12 +10,6 @@ use crate::measurement::Sighting;
 const KEYPOINT_ODDS: f64 = 4.0;
 /// Log odds per metre of driving ahead. Some drivers reverse for ten metres, hardly any for fifty.
 const ODDS_PER_M: f64 = 0.4;
-/// Greatest speed in reverse, m/s. Nobody reverses faster.
-const MAX_REVERSE_MPS: f64 = 4.0;
-/// Time over which the speed of reversing is measured, s. Over shorter times positions jitter by as much.
-const FAST_S: f64 = 0.5;
-/// Log odds of motion that is faster than any reversing.
-const FAST_ODDS: f64 = 6.0;
 /// Least distance that is clearly motion and not jitter, m.
 const STEP_M: f64 = 1.0;
 
@@ -61,21 +55,12 @@ fn motion_odds(sightings: &[Sighting], axes: &[f64], places: &[Vector3<f64>]) ->
         let axis = (axes[from] + axes[to]) / 2.0;
         (places[to].xy() - places[from].xy()).dot(&Vector2::new(axis.cos(), axis.sin()))
     };
-    let (mut odds, mut fastest): (f64, f64) = (0.0, 0.0);
-    let mut since = from;
+    let mut odds = 0.0;
     for to in alike {
-        let seconds = sightings[to].time_s - sightings[since].time_s;
-        if seconds >= FAST_S {
-            let speed = ahead(since, to) / seconds;
-            if speed.abs() > fastest.abs() {
-                fastest = speed;
-            }
-            since = to;
-        }
         if (places[to].xy() - places[from].xy()).norm() >= STEP_M {
             odds += ODDS_PER_M * ahead(from, to);
             from = to;
         }
     }
-    odds + if fastest.abs() > MAX_REVERSE_MPS { FAST_ODDS * fastest.signum() } else { 0.0 }
+    odds
 }

@@ -35,6 +35,7 @@ mod chain;
 mod complete;
 mod duplicates;
 mod edge;
+mod existence;
 mod expected;
 mod extend;
 mod facing;
@@ -50,16 +51,18 @@ mod shape;
 mod smooth;
 mod smooth_boxes;
 mod start;
+mod steps;
 mod stops;
 mod tracker;
 mod vehicle;
 mod way;
 
-pub use complete::Scene;
-pub use looks::Looks;
+pub use complete::{Scene, Tracks};
+pub use existence::{Evidence, FEATURES};
 pub use measurement::{
-    BoxSighting, CarMeasurement, ExpectedVehicle, FrameMeasurements, HeldCar, Placed, SURE_SCORE, SeenAgain,
-    ShapeBelief, Size, Track, TrackState,
+    BoxSighting, CarMeasurement, ExpectedVehicle, FrameMeasurements, HeldCar, Placed, SeenAgain, ShapeBelief,
+    Size, Track, TrackState,
 };
 pub use options::TrackOptions;
+pub use steps::TrackSteps;
 pub use tracker::Tracker;

@@ -6,7 +6,7 @@ const APART_S: f64 = 0.075;
 
 /// A count of the observation times that are far enough apart to carry new information.
 #[derive(Clone, Copy, Debug, Default)]
-pub struct Looks {
+pub(crate) struct Looks {
     /// Number of observation times that are at least the least interval apart.
     pub count: usize,
     /// Last observation time that counts, s.
@@ -15,8 +15,7 @@ pub struct Looks {
 
 impl Looks {
     /// Counts the observations at these times (s), which must be in order.
-    #[must_use]
-    pub fn of(times_s: impl IntoIterator<Item = f64>) -> Self {
+    pub(crate) fn of(times_s: impl IntoIterator<Item = f64>) -> Self {
         let mut looks = Self::default();
         for time_s in times_s {
             looks.add(time_s);
@@ -25,7 +24,7 @@ impl Looks {
     }
 
     /// Adds the next observation time (s), and returns whether it counts.
-    pub fn add(&mut self, time_s: f64) -> bool {
+    pub(crate) fn add(&mut self, time_s: f64) -> bool {
         let counts = self.last_s.is_none_or(|last| time_s - last >= APART_S);
         if counts {
             self.count += 1;

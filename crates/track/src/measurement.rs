@@ -3,8 +3,7 @@
 use nalgebra::{Matrix3, Matrix6, Vector3};
 use roadplane_base::{CarRef, FrameStamp, GroundPose, Shape, VehicleClass};
 
-/// Mean detector score of its detections, 0–1, below which a track is doubtful.
-pub const SURE_SCORE: f64 = 0.46;
+use crate::Evidence;
 
 /// An estimate of a car's shape: a Gaussian over its shape coefficients.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -59,6 +58,9 @@ pub struct CarMeasurement {
     pub known: bool,
     /// Length, width and height (m) and their sds (m), of a vehicle that the shape model does not cover.
     pub dims_m: Option<[Vector3<f64>; 2]>,
+    /// Distance (rms) of a car's keypoints from their projections, as a share of the box's longer side. It is there even
+    /// where the pose comes from the box; `None` without keypoints.
+    pub fit_rms_share: Option<f64>,
 }
 
 impl CarMeasurement {
@@ -238,6 +240,9 @@ pub(crate) struct Sighting {
     pub cut: [bool; 4],
     /// Edges (left, top, right, bottom) at which another vehicle begins.
     pub hidden: [bool; 4],
+    /// Distance (rms) of a car's keypoints from their projections, as a share of the box's longer side; `None` without
+    /// keypoints.
+    pub fit_rms_share: Option<f64>,
 }
 
 impl Sighting {
@@ -263,6 +268,7 @@ impl Sighting {
             lacks_keypoints: false,
             cut: seen.cut,
             hidden: seen.hidden,
+            fit_rms_share: None,
         }
     }
 }
@@ -282,6 +288,8 @@ pub struct Track {
     pub states: Vec<TrackState>,
     /// Shape of the vehicle: all views fused, with the prior counted once.
     pub shape: ShapeBelief,
+    /// All that shows whether the track is a vehicle.
+    pub evidence: Evidence,
 }
 
 /// The state of a track at one frame.

@@ -2,21 +2,20 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::TrackSteps;
+
 /// Settings that describe how cars move, appear and disappear.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct TrackOptions {
-    /// Least detector score of a car that starts a track, 0–1.
-    pub birth_score: f64,
     /// Number of detections that confirm a new track, within its first `confirm_frames` inference frames.
     pub confirm_hits: usize,
     /// Number of inference frames within which a new track must be confirmed by `confirm_hits` detections.
     pub confirm_frames: usize,
     /// Least number of detections of a track. If half of the clip's inference frames are fewer, that half is enough.
     pub min_observed: usize,
-    /// Least share of the inference frames of its life in which a track is detected, 0–1. A track whose box stays in
-    /// one position is exempt.
-    pub min_duty: f64,
+    /// Least probability that a track is a vehicle, 0–1. Other tracks are dropped.
+    pub min_exists_p: f64,
     /// Longest time for which a driving car is followed without a detection, s. After a longer gap only the joint
     /// linking of tracklets (`link.rs`) can find it again.
     pub max_coast_s: f64,
@@ -44,16 +43,18 @@ pub struct TrackOptions {
     pub slip_m: f64,
     /// Distance from the rear axle to the car's origin, m.
     pub half_wheelbase_m: f64,
+    /// Steps that are switched on. They are no settings: only the laboratory switches steps off.
+    #[serde(skip)]
+    pub steps: TrackSteps,
 }
 
 impl Default for TrackOptions {
     fn default() -> Self {
         Self {
-            birth_score: 0.0,
             confirm_hits: 3,
             confirm_frames: 5,
             min_observed: 6,
-            min_duty: 0.4,
+            min_exists_p: 0.5,
             max_coast_s: 0.4,
             max_parked_coast_s: 60.0,
             max_hidden_s: 60.0,
@@ -67,6 +68,7 @@ impl Default for TrackOptions {
             curvature_sd: 0.15,
             slip_m: 0.05,
             half_wheelbase_m: 1.35,
+            steps: TrackSteps::default(),
         }
     }
 }

@@ -164,6 +164,7 @@ mod tests {
             hidden: [false; 4],
             known: false,
             dims_m: None,
+            fit_rms_share: None,
         }
     }
 

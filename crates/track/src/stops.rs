@@ -27,12 +27,8 @@ const MIN_SIGHTINGS: usize = 5;
 const MIN_BOX_MOTION: f64 = 0.02;
 /// Least motion that is significant, in sds.
 const SIGNIFICANT: f64 = 3.0;
-/// Stationary intervals shorter than this are ignored at first, s.
-const BLINK_S: f64 = 0.5;
-/// Stationary intervals shorter than this are ignored in the end, s.
+/// Stationary intervals shorter than this are ignored, s.
 pub(crate) const MIN_STAND_S: f64 = 1.0;
-/// Time for which a car has been rolling before its motion shows, s.
-const ONSET_S: f64 = 0.3;
 
 /// Divides a track's detections, in the order of time. A track without noticeable motion is one stationary interval.
 pub(crate) fn find_runs(sightings: &[Sighting], options: &TrackOptions) -> Vec<Run> {
@@ -40,18 +36,8 @@ pub(crate) fn find_runs(sightings: &[Sighting], options: &TrackOptions) -> Vec<R
     if n == 0 {
         return Vec::new();
     }
-    let mut moving: Vec<bool> =
-        (0..n).map(|i| moves(window(sightings, i), options.min_motion_m, MIN_BOX_MOTION)).collect();
-    close_gaps(&mut moving, sightings, BLINK_S);
-    for run in runs(&moving) {
-        let part = &sightings[run.sightings.clone()];
-        // A position that jumps and comes back is no drive.
-        let net = travelled(part, sightings);
-        if !run.parked && net < 1.25 * options.min_motion_m {
-            moving[run.sightings].fill(false);
-        }
-    }
-    widen(&mut moving, sightings);
+    let moves_at = |i| moves(window(sightings, i), options.min_motion_m, MIN_BOX_MOTION);
+    let mut moving: Vec<bool> = (0..n).map(moves_at).collect();
     close_gaps(&mut moving, sightings, MIN_STAND_S);
     // A stationary interval that creeps as a whole is slow driving.
     for run in runs(&moving).into_iter().filter(|run| run.parked) {
@@ -144,25 +130,6 @@ fn line(points: &[(f64, Vector2<f64>)]) -> Option<(Vector2<f64>, f64, f64)> {
     (spread > 0.0).then(|| (slope, (scatter / spread).sqrt(), span))
 }
 
-/// Returns the distance between the car's positions before an interval and after it, m. Each is the median of up to
-/// five detections.
-fn travelled(part: &[Sighting], all: &[Sighting]) -> f64 {
-    let middle = |some: &[Sighting]| {
-        let axis = |axis: usize| {
-            let mut values: Vec<f64> = some.iter().map(|o| o.pose[axis]).collect();
-            values.sort_by(f64::total_cmp);
-            values.get(values.len() / 2).copied().unwrap_or(0.0)
-        };
-        Vector2::new(axis(0), axis(1))
-    };
-    let (Some(first), Some(last)) = (part.first(), part.last()) else { return 0.0 };
-    let from = all.partition_point(|o| o.frame < first.frame);
-    let to = all.partition_point(|o| o.frame <= last.frame);
-    let before = &all[from.saturating_sub(4)..(from + 1).min(all.len())];
-    let after = &all[to.saturating_sub(1)..(to + 4).min(all.len())];
-    (middle(after) - middle(before)).norm()
-}
-
 /// Groups detections into intervals that move and intervals that do not.
 pub(crate) fn runs(moving: &[bool]) -> Vec<Run> {
     let mut found = Vec::new();
@@ -182,16 +149,5 @@ pub(crate) fn close_gaps(moving: &mut [bool], sightings: &[Sighting], least_s: f
         if run.parked && seconds(&sightings[run.sightings.clone()]) < least_s {
             moving[run.sightings.clone()].fill(true);
         }
-    }
-}
-
-/// Extends driving intervals at both ends by [`ONSET_S`].
-fn widen(moving: &mut [bool], sightings: &[Sighting]) {
-    for run in runs(moving).into_iter().filter(|run| !run.parked) {
-        let from_s = sightings[run.sightings.start].time_s - ONSET_S;
-        let to_s = sightings[run.sightings.end - 1].time_s + ONSET_S;
-        let from = sightings.partition_point(|o| o.time_s < from_s);
-        let to = sightings.partition_point(|o| o.time_s <= to_s);
-        moving[from..to].fill(true);
     }
 }

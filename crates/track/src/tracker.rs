@@ -4,10 +4,11 @@ use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{CarRef, assign, bbox_iou};
 
 use crate::{
-    CarMeasurement, FrameMeasurements, HeldCar, Looks, Scene, SeenAgain, Track, TrackOptions,
+    CarMeasurement, FrameMeasurements, HeldCar, Scene, SeenAgain, TrackOptions, Tracks,
     complete::{Frames, complete},
     expected::{ALONE, Expected},
     extend::BoxesByFrame,
+    looks::Looks,
     measurement::Sighting,
     raw_track::{RawTrack, same_car},
     shape::ShapeSum,
@@ -55,7 +56,7 @@ impl Live {
 
     /// Whether it was detected often enough not to be a false alarm.
     fn is_confirmed(&self, options: &TrackOptions) -> bool {
-        self.known || self.raw.observations.len() >= options.confirm_hits
+        self.known || !options.steps.confirm || self.raw.observations.len() >= options.confirm_hits
     }
 
     /// Whether this is the box (px) of the car, which is stationary or has not moved since its last detection.
@@ -186,7 +187,7 @@ impl Tracker {
             })
             .collect();
         let births: Vec<usize> = (0..cars.len())
-            .filter(|&c| !taken[c] && cars[c].score >= self.options.birth_score && !cars[c].lacks_keypoints())
+            .filter(|&c| !taken[c] && !cars[c].lacks_keypoints())
             .filter(|&c| {
                 let same = |other: &Sighting| same_car(&observations[c], other);
                 !(0..cars.len()).any(|other| taken[other] && same(&observations[other]))
@@ -202,12 +203,12 @@ impl Tracker {
         }
     }
 
-    /// Returns all tracks, ordered by first frame and then by x.
+    /// Returns all tracks that are probably vehicles.
     #[must_use]
-    pub fn finish(mut self, scene: &impl Scene) -> Vec<Track> {
+    pub fn finish(mut self, scene: &impl Scene) -> Tracks {
         self.ended.extend(self.live.drain(..).map(|live| live.raw));
-        let Self { options, frames, looks, ended, boxes, .. } = self;
-        complete(ended, boxes, &frames, looks, &options, scene)
+        let Self { options, frames, ended, boxes, .. } = self;
+        complete(ended, boxes, &frames, &options, scene)
     }
 
     /// Converts a measurement to a detection, and adds the least variances to its covariance.
@@ -231,6 +232,7 @@ impl Tracker {
             lacks_keypoints: car.lacks_keypoints(),
             cut: car.cut,
             hidden: car.hidden,
+            fit_rms_share: car.fit_rms_share,
         }
     }
 

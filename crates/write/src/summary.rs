@@ -225,6 +225,10 @@ pub struct Counts {
     pub poses_used: u64,
     /// Number of tracks.
     pub tracks: u64,
+    /// Number of tracks that were left out because they are probably no vehicles: their `exists_p` is below the setting
+    /// `track.min_exists_p`. Files of older versions lack this count, and it is read as 0.
+    #[serde(default)]
+    pub tracks_left_out: u64,
     /// Number of rows in the track files.
     pub track_rows: u64,
 }

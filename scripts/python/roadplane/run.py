@@ -71,6 +71,7 @@ class Run:
         - `length_m`, `width_m`, `height_m`, and the box `bbox_x0_px`, `bbox_y0_px`, `bbox_x1_px`, `bbox_y1_px`.
         - `observed`: False if the vehicle was not detected in this frame and the row was interpolated.
         - `activity`, `activity_p`.
+        - `exists_p`: probability that the track is a vehicle.
 
         It reads `tracks.parquet` if the file exists, else `tracks.csv`. Columns and types are the same.
 

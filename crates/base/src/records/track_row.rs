@@ -86,6 +86,11 @@ pub struct TrackRow {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0))]
     pub y_own_sd_m: Option<f64>,
+    /// Probability that the track is a vehicle, 0 to 1. All rows of a track have the same value. It is absent in files
+    /// of older versions.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0, max = 1))]
+    pub exists_p: Option<f64>,
     /// Position on the map, present if the user gave the camera's position. Each of its fields is a column.
     #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
     pub on_map: Option<OnMap>,

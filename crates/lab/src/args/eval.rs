@@ -241,6 +241,15 @@ pub struct EvalTrackerArgs {
     /// Truth files of clips (NAME.truth.json, gzipped or not; no video is needed), or folders with dataset.json.
     #[arg(required = true, value_name = "CLIP")]
     pub clips: Vec<PathBuf>,
+    /// Use the frames that a run recorded (DIR/NAME/frames.jsonl), and simulate none.
+    #[arg(long, value_name = "DIR", conflicts_with_all = ["noise", "misses", "false_boxes", "flips", "swaps", "stride", "seed"])]
+    pub recorded: Option<PathBuf>,
+    /// Track the clips with one step left out at a time, and print only the effect of each step.
+    #[arg(long, conflicts_with = "candidates")]
+    pub layers: bool,
+    /// Write all tracks, with the features that decide whether they are vehicles, into a CSV file.
+    #[arg(long, value_name = "FILE")]
+    pub candidates: Option<PathBuf>,
     /// Standard deviation of keypoints and of boxes' edges, as a share of the box's longer side.
     #[arg(long, default_value_t = 0.02, value_name = "SHARE", value_parser = share)]
     pub noise: f64,

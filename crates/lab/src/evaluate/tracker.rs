@@ -1,7 +1,10 @@
 //! Scores the tracker alone, on simulated boxes and keypoints of clips with truth.
 //!
-//! The simulated errors are those of the detector and the keypoint net under bad conditions. No video is needed.
+//! The simulated errors are those of the detector and the keypoint net under bad conditions. No video is needed. The
+//! frames that a run recorded can take the place of simulated ones.
 
+mod existence;
+mod layers;
 mod noise;
 
 use std::collections::BTreeSet;
@@ -10,12 +13,15 @@ use std::path::{Path, PathBuf};
 use roadplane_base::ShapeAtlas;
 use roadplane_pipeline::{CameraConstraints, Cancel, Config, PipelineError, Progress};
 use roadplane_tables::Report;
+use roadplane_write::OutFile;
 
+use existence::{Candidate, candidates, candidates_csv, reliability_table};
+use layers::{layers_table, variants};
 pub use noise::Noise;
 
 use crate::LabError;
 use crate::parallel::try_in_parallel;
-use crate::systems::solve_fused;
+use crate::systems::{solve_fused, solve_recorded};
 use crate::tables::{calibration_table, motion_table, position_table, tracking_table};
 use crate::work::stopped;
 use crate::workplace::Workplace;
@@ -25,6 +31,12 @@ use roadplane_metrics::truth::{Kind, Truth, read_dataset, read_truth};
 /// Options of the evaluation of the tracker.
 #[derive(Clone, Debug)]
 pub struct TrackerOptions {
+    /// Folder of runs. The frames of a clip are those of `FOLDER/CLIP/frames.jsonl`, and none are simulated.
+    pub recorded: Option<PathBuf>,
+    /// Whether the clips are tracked with each step left out, too.
+    pub layers: bool,
+    /// CSV file for all tracks, with the features that decide whether they are vehicles.
+    pub candidates: Option<PathBuf>,
     /// The simulated errors of boxes and keypoints.
     pub noise: Noise,
     /// Every n-th frame gets simulated boxes and keypoints; this is n.
@@ -46,22 +58,28 @@ pub fn evaluate_tracker(
     cancel: &Cancel,
     progress: &dyn Progress,
 ) -> Result<Report, LabError> {
-    let atlas = ShapeAtlas::shipped().map_err(PipelineError::from)?;
     let clips = read_clips(clips)?;
+    let title = "Tracks from noisy measurements".to_owned();
+    if options.layers {
+        progress.expect(Some((clips.len() * variants().len()) as u64));
+        let mut scores = Vec::new();
+        for (_, steps) in variants() {
+            let mut config = config.clone();
+            config.track.steps = steps;
+            let scored = score_clips(&clips, options, &config, cancel, progress)?;
+            scores.push(scored.into_iter().map(|(score, _)| score).collect());
+        }
+        return Ok(Report { title, tables: vec![layers_table(&scores)], ..Report::default() });
+    }
     progress.expect(Some(clips.len() as u64));
-    let score = |(): &mut (), i: usize| -> Result<TrackScore, LabError> {
-        stopped(cancel)?;
-        let truth = &clips[i].1;
-        let seed = options.seed.wrapping_mul(1_000_003).wrapping_add(i as u64);
-        let frames = options.noise.measure(truth, options.stride, seed);
-        let processed: BTreeSet<u64> = frames.iter().map(|frame| frame.frame).collect();
-        let workplace = Workplace::new(None)?;
-        let (constraints, folder) = (CameraConstraints::default(), workplace.folder());
-        let clip = solve_fused(&atlas, &frames, &constraints, folder, config, cancel)?;
-        progress.frame_done();
-        Ok(score_tracks(truth, &clip.rows, |frame, _| processed.contains(&frame)))
-    };
-    let scores = try_in_parallel(clips.len(), || Ok(()), score)?;
+    let scored = score_clips(&clips, options, config, cancel, progress)?;
+    let (scores, found): (Vec<TrackScore>, Vec<Vec<Candidate>>) = scored.into_iter().unzip();
+    if let Some(path) = &options.candidates {
+        let of_clips = clips.iter().zip(&found).map(|((name, _), found)| (name.as_str(), found.as_slice()));
+        let mut file = OutFile::create(path)?;
+        file.write_bytes(candidates_csv(of_clips).as_bytes())?;
+        file.finish()?;
+    }
     let mut systems: Vec<(&str, &[TrackScore])> =
         clips.iter().zip(scores.chunks(1)).map(|((name, _), score)| (name.as_str(), score)).collect();
     if scores.len() > 1 {
@@ -69,15 +87,49 @@ pub fn evaluate_tracker(
     }
     let positions: Vec<Vec<_>> = scores.iter().map(|score| score.positions.clone()).collect();
     let mut tracks = tracking_table("Tracks on the ground", &systems);
-    tracks.note += &format!(" Measurements: {}.", options.noise);
+    tracks.note += &match &options.recorded {
+        Some(runs) => format!(" Frames recorded in {}.", runs.display()),
+        None => format!(" Measurements: {}.", options.noise),
+    };
     let all = [("all", scores.as_slice())];
     let tables = vec![
         tracks,
         position_table("Position", &[("all", &positions)]),
         calibration_table("Position against its sd", &all),
         motion_table("Motion", &all),
+        reliability_table(&found.concat()),
     ];
-    Ok(Report { title: "Tracks from noisy measurements".to_owned(), tables, ..Report::default() })
+    Ok(Report { title, tables, ..Report::default() })
+}
+
+/// Solves and tracks all clips. Returns the score and the tracks of each.
+fn score_clips(
+    clips: &[(String, Truth)],
+    options: &TrackerOptions,
+    config: &Config,
+    cancel: &Cancel,
+    progress: &dyn Progress,
+) -> Result<Vec<(TrackScore, Vec<Candidate>)>, LabError> {
+    let atlas = ShapeAtlas::shipped().map_err(PipelineError::from)?;
+    let score = |(): &mut (), i: usize| -> Result<(TrackScore, Vec<Candidate>), LabError> {
+        stopped(cancel)?;
+        let (name, truth) = &clips[i];
+        let workplace = Workplace::new(None)?;
+        let (constraints, folder) = (CameraConstraints::default(), workplace.folder());
+        let (clip, processed) = if let Some(runs) = &options.recorded {
+            let frames = runs.join(name).join("frames.jsonl");
+            (solve_recorded(&atlas, &frames, &constraints, folder, config, cancel)?, None)
+        } else {
+            let seed = options.seed.wrapping_mul(1_000_003).wrapping_add(i as u64);
+            let frames = options.noise.measure(truth, options.stride, seed);
+            let processed: BTreeSet<u64> = frames.iter().map(|frame| frame.frame).collect();
+            (solve_fused(&atlas, &frames, &constraints, folder, config, cancel)?, Some(processed))
+        };
+        progress.frame_done();
+        let is_processed = |frame: u64, _: f64| processed.as_ref().is_none_or(|all| all.contains(&frame));
+        Ok((score_tracks(truth, &clip.rows, is_processed), candidates(truth, &clip.rows, &clip.evidence)))
+    };
+    try_in_parallel(clips.len(), || Ok(()), score)
 }
 
 /// Reads the name and the truth of every clip. Stills are left out.

@@ -3,10 +3,12 @@
 //!
 //! The estimation is that of `roadplane run`, but the input is the same keypoints as in the other rows.
 
+use std::collections::BTreeMap;
 use std::path::Path;
 
 use roadplane_base::{FrameRecord, PoseRecord, ShapeAtlas, TrackRow};
 use roadplane_pipeline::{CameraConstraints, Cancel, Config, solve_clip};
+use roadplane_track::Evidence;
 use roadplane_write::{JsonLines, read_jsonl};
 
 use super::answer::CameraAnswer;
@@ -21,6 +23,8 @@ pub struct FusedClip {
     pub poses: Vec<PoseRecord>,
     /// The smoothed tracks: one row per track and frame.
     pub rows: Vec<TrackRow>,
+    /// All that shows whether a track is a vehicle, by the number of the track.
+    pub evidence: BTreeMap<u64, Evidence>,
 }
 
 /// Estimates the camera, the poses and the tracks of a clip from its keypoints.
@@ -37,13 +41,31 @@ pub fn solve_fused(
     config: &Config,
     cancel: &Cancel,
 ) -> Result<FusedClip, LabError> {
-    let (frames_path, poses_path) = (folder.join("frames.jsonl"), folder.join("poses.jsonl"));
+    let frames_path = folder.join("frames.jsonl");
     let mut lines = JsonLines::create(&frames_path)?;
     for frame in frames {
         lines.write(frame)?;
     }
     lines.finish()?;
-    let solution = solve_clip(&frames_path, &poses_path, atlas, constraints, config, cancel)?;
+    solve_recorded(atlas, &frames_path, constraints, folder, config, cancel)
+}
+
+/// Estimates the camera, the poses and the tracks of a clip from the file of frames of a run (`frames.jsonl`).
+///
+/// The solve writes its intermediate files into `folder`.
+///
+/// # Errors
+/// [`LabError::Write`] if an intermediate file cannot be written or read; [`LabError::Pipeline`] if the solve fails.
+pub fn solve_recorded(
+    atlas: &ShapeAtlas,
+    frames: &Path,
+    constraints: &CameraConstraints,
+    folder: &Path,
+    config: &Config,
+    cancel: &Cancel,
+) -> Result<FusedClip, LabError> {
+    let poses_path = folder.join("poses.jsonl");
+    let solution = solve_clip(frames, &poses_path, atlas, constraints, config, cancel)?;
     let longest = solution
         .cameras
         .estimates()
@@ -55,5 +77,5 @@ pub fn solve_fused(
         covariance: estimate.covariance,
     });
     let poses = read_jsonl(&poses_path)?.collect::<Result<_, _>>()?;
-    Ok(FusedClip { camera, poses, rows: solution.rows })
+    Ok(FusedClip { camera, poses, rows: solution.rows, evidence: solution.evidence })
 }

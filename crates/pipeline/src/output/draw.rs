@@ -227,6 +227,12 @@ fn facts_of(summary: &Summary) -> Vec<(String, String)> {
     facts.extend(summary.known.iter().map(|one| (one.what.clone(), constraint_in_words(one))));
     facts.extend(counts.boxes.iter().map(|(class, n)| (format!("boxes: {class}"), n.to_string())));
     facts.extend(counts.rejected.iter().map(|(reason, n)| (format!("left out: {reason}"), n.to_string())));
+    if counts.tracks_left_out > 0 {
+        facts.push((
+            "left out: tracks that are probably no vehicles".to_owned(),
+            counts.tracks_left_out.to_string(),
+        ));
+    }
     facts.extend(
         summary.seconds.iter().map(|t| (format!("seconds in {}", t.stage), format!("{:.1}", t.seconds))),
     );

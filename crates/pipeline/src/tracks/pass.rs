@@ -8,7 +8,8 @@ use roadplane_base::{
 use roadplane_geo::Place;
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
 use roadplane_track::{
-    BoxSighting, CarMeasurement, FrameMeasurements, HeldCar, SeenAgain, ShapeBelief, Track, Tracker,
+    BoxSighting, CarMeasurement, FrameMeasurements, HeldCar, SeenAgain, ShapeBelief, Track, TrackOptions,
+    Tracker, Tracks,
 };
 
 use crate::cameras::camera_track::CameraTrack;
@@ -29,6 +30,8 @@ pub struct Tally {
     pub boxes: BTreeMap<String, u64>,
     /// Number of rejected cars by reason.
     pub rejected: BTreeMap<String, u64>,
+    /// Number of tracks that are left out, because they are probably no vehicles.
+    pub left_out_tracks: u64,
 }
 
 /// The input of a pass over the frames.
@@ -64,7 +67,10 @@ impl Pass<'_> {
     ) -> Result<(Vec<Track>, Views), PipelineError> {
         // Coordinates of different camera positions are unrelated, so each position has its own tracker. Where the camera
         // returns to a position, its tracks go on.
-        let mut at_position: BTreeMap<usize, Followed> = BTreeMap::new();
+        let mut at_position: BTreeMap<usize, Tracker> = BTreeMap::new();
+        // Only the second pass decides which tracks are vehicles: it knows the shape of each.
+        let min_exists_p = if known.is_some() { self.config.track.min_exists_p } else { 0.0 };
+        let new = || Tracker::new(TrackOptions { min_exists_p, ..self.config.track.clone() });
         let mut views = Views::default();
         let mut looks = CarriedPoses::default();
         for frame in frames {
@@ -72,10 +78,7 @@ impl Pass<'_> {
             let own = stretch.holds(frame.time_s);
             let Some(estimate) = self.cameras.at(frame.time_s) else { continue };
             let position = self.cameras.position_at(frame.time_s);
-            let Followed { tracker, looked_s } = at_position.entry(position).or_insert_with(|| Followed {
-                tracker: Tracker::new(self.config.track.clone()),
-                looked_s: Vec::new(),
-            });
+            let tracker = at_position.entry(position).or_insert_with(new);
             views.add(&frame);
             let picture_px = frame.picture_px();
             let view = FrameCamera::from(estimate);
@@ -93,7 +96,7 @@ impl Pass<'_> {
                     seen_again.push(SeenAgain { look, bbox_px: record.bbox_px });
                     continue;
                 }
-                let seen = || box_sighting(&frame, record.bbox_px, record.score, Some(index));
+                let seen = || self.box_sighting(&frame, record.bbox_px, record.score, Some(index));
                 if record.held_since.is_some() || record.pose_from.is_some() {
                     held.push(held_car(record, index));
                     if let Some(pose) = looks.line(&frame, index).filter(|_| own) {
@@ -132,7 +135,8 @@ impl Pass<'_> {
                 match measured {
                     Some(measured) => {
                         let known = known.is_some();
-                        cars.push(CarMeasurement { cut, hidden, known, ..measured });
+                        let fit_rms_share = fit.as_ref().and_then(|fit| rms_share(fit, record));
+                        cars.push(CarMeasurement { cut, hidden, known, fit_rms_share, ..measured });
                     }
                     None => {
                         *tally.rejected.entry(reason.unwrap_or("no_pose").to_owned()).or_insert(0) +=
@@ -151,20 +155,19 @@ impl Pass<'_> {
             let pts_nanos = (frame.time_s * 1e9).round() as i64;
             let stamp = FrameStamp { index: frame.frame, pts_nanos };
             let looked = frame.watch.as_ref().is_none_or(|watch| watch.looked);
-            // A frame with a carried-over vehicle counts as an inference frame, too.
-            if looked || !held.is_empty() {
-                looked_s.push(frame.time_s);
-            }
             if known.is_some() {
                 boxes.extend(
-                    frame.weak.iter().map(|weak| box_sighting(&frame, weak.bbox_px, weak.score, None)),
+                    frame.weak.iter().map(|weak| self.box_sighting(&frame, weak.bbox_px, weak.score, None)),
                 );
             }
             tracker.push(&FrameMeasurements { stamp, looked, cars, held, seen_again, boxes });
         }
         let mut tracks = Vec::new();
-        for Followed { tracker, looked_s } in at_position.into_values() {
-            append(&mut tracks, tracker.finish(&Looked { pass: self, looked_s: &looked_s, views: &views }));
+        for tracker in at_position.into_values() {
+            let Tracks { tracks: found, left_out } = tracker.finish(&Looked { pass: self, views: &views });
+            append(&mut tracks, found);
+            let own = left_out.iter().filter(|stamp| stretch.holds(stamp.time_s()));
+            tally.left_out_tracks += own.count() as u64;
         }
         for (id, track) in (1..).zip(&mut tracks) {
             track.id = id;
@@ -205,15 +208,36 @@ impl Pass<'_> {
             hidden: [false; 4],
             known: false,
             dims_m: Some([found.dims_m, found.dims_sd_m]),
+            fit_rms_share: None,
         })
     }
-}
 
-/// The tracks of one camera position.
-struct Followed {
-    tracker: Tracker,
-    /// Times of the inference frames, in order, s.
-    looked_s: Vec<f64>,
+    /// Builds the detection of a box that may be a vehicle; `car` is its index in the frame's cars, if it is one of them.
+    fn box_sighting(
+        &self,
+        frame: &FrameRecord,
+        bbox_px: [f64; 4],
+        score: f64,
+        car: Option<usize>,
+    ) -> BoxSighting {
+        let class = car.map_or(VehicleClass::Car, |car| frame.cars[car].class);
+        let others = frame.cars.iter().enumerate().filter(|(other, _)| Some(*other) != car);
+        let hidden = if self.config.track.steps.hidden_edges {
+            hidden_edges(&bbox_px, others.map(|(_, other)| &other.bbox_px))
+        } else {
+            [false; 4]
+        };
+        let held = car.is_some_and(|car| frame.cars[car].held_since.is_some());
+        BoxSighting {
+            bbox_px,
+            score,
+            class,
+            cut: cut_edges(&bbox_px, &frame.picture_px()),
+            hidden,
+            car,
+            held,
+        }
+    }
 }
 
 /// Adds tracks of a later camera position; their numbers continue.
@@ -252,16 +276,16 @@ fn measurement(
         hidden: [false; 4],
         known: false,
         dims_m: None,
+        fit_rms_share: None,
     }
 }
 
-/// Builds the detection of a box that may be a vehicle; `car` is its index in the frame's cars, if it is one of them.
-fn box_sighting(frame: &FrameRecord, bbox_px: [f64; 4], score: f64, car: Option<usize>) -> BoxSighting {
-    let class = car.map_or(VehicleClass::Car, |car| frame.cars[car].class);
-    let others = frame.cars.iter().enumerate().filter(|(other, _)| Some(*other) != car);
-    let hidden = hidden_edges(&bbox_px, others.map(|(_, other)| &other.bbox_px));
-    let held = car.is_some_and(|car| frame.cars[car].held_since.is_some());
-    BoxSighting { bbox_px, score, class, cut: cut_edges(&bbox_px, &frame.picture_px()), hidden, car, held }
+/// Returns the distance (rms) of a car's keypoints from their projections, as a share of its box's longer side; `None` if it
+/// is not finite.
+fn rms_share(fit: &CarFit, record: &CarRecord) -> Option<f64> {
+    let [x0, y0, x1, y1] = record.bbox_px;
+    let share = fit.car.reprojection_rms_px / (x1 - x0).max(y1 - y0);
+    share.is_finite().then_some(share)
 }
 
 /// Builds the measurement of a stationary vehicle that is carried over.

@@ -81,6 +81,7 @@ impl Pass<'_> {
                 activity_p: None,
                 x_own_sd_m: Some(state.pose_sd.x),
                 y_own_sd_m: Some(state.pose_sd.y),
+                exists_p: Some(track.evidence.probability()),
                 on_map: self.place.and_then(|place| {
                     place.on_map(&state.pose, [state.pose_sd.x, state.pose_sd.y], estimate).ok()
                 }),

@@ -2,9 +2,8 @@
 
 use nalgebra::Vector3;
 use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass};
-use roadplane_track::{BoxSighting, ExpectedVehicle, Placed, Scene, Size, Track};
+use roadplane_track::{BoxSighting, ExpectedVehicle, Placed, Scene, Size};
 
-use crate::tracks::believe::vehicle_s;
 use crate::tracks::body::{Body, body_of, car_body};
 use crate::tracks::cars::FrameCamera;
 use crate::tracks::ground_contact::{Knowledge, body_box, ground_contact};
@@ -14,27 +13,25 @@ use crate::tracks::views::Views;
 /// Least sd of a heading that counts as unknown, rad.
 const UNKNOWN_HEADING_SD_RAD: f64 = 1.5;
 
-/// The data for validating tracks: the pass and the times of its inference frames.
+/// The pass over the frames, and the part of the world picture that each frame shows.
 pub(super) struct Looked<'a> {
     /// The pass over the frames.
     pub pass: &'a Pass<'a>,
-    /// Times of the inference frames, in order, s.
-    pub looked_s: &'a [f64],
     /// The part of the world picture that each frame shows.
     pub views: &'a Views,
 }
 
 impl Scene for Looked<'_> {
-    fn vehicle_s(&self, track: &Track) -> Option<[f64; 2]> {
-        vehicle_s(track, self.pass.dims_m(track).z, self.looked_s)
-    }
-
     fn size(&self, class: VehicleClass, shape: &Shape) -> Option<Size> {
         let body = match class {
             VehicleClass::Car => car_body(self.pass.atlas, shape).at_best(),
             class => body_of(class),
         };
         Some(Size { dims_m: body.dims_m, covariance: body.covariance })
+    }
+
+    fn mean_car(&self) -> Option<Vector3<f64>> {
+        Some(self.pass.atlas.dims_m(&self.pass.any_car.mean))
     }
 
     fn body_px(

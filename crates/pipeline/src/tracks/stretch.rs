@@ -8,7 +8,7 @@ use std::collections::{BTreeMap, VecDeque};
 
 use nalgebra::Vector3;
 use roadplane_base::{CarRef, FrameRecord, VehicleClass};
-use roadplane_track::{ShapeBelief, Track, TrackState};
+use roadplane_track::{Evidence, ShapeBelief, Track, TrackState};
 
 use crate::stream::cadence::{RESET_S, interval_of};
 
@@ -155,6 +155,8 @@ struct Vehicle {
     dims_m: Option<Vector3<f64>>,
     /// Mean and information of its shape.
     shape: ShapeBelief,
+    /// All that shows whether it is a vehicle.
+    evidence: Evidence,
 }
 
 impl Numbers {
@@ -168,8 +170,8 @@ impl Numbers {
             if !track.states.iter().any(|state| stretch.holds(state.stamp.time_s())) {
                 continue;
             }
-            if let Some((number, Vehicle { class, dims_m, shape })) = known {
-                track = Track { id: number, class, dims_m, shape, ..track };
+            if let Some((number, Vehicle { class, dims_m, shape, evidence })) = known {
+                track = Track { id: number, class, dims_m, shape, evidence, ..track };
             } else {
                 self.last += 1;
                 track.id = self.last;
@@ -181,8 +183,8 @@ impl Numbers {
         for track in &numbered {
             let around = detections_of(track).filter(|(_, state)| stretch.shares(state.stamp.time_s()));
             self.shared.extend(around.map(|(car, _)| (car, track.id)));
-            let &Track { id, class, dims_m, shape, .. } = track;
-            self.vehicles.insert(id, Vehicle { class, dims_m, shape });
+            let &Track { id, class, dims_m, shape, evidence, .. } = track;
+            self.vehicles.insert(id, Vehicle { class, dims_m, shape, evidence });
         }
         numbered
     }
@@ -220,6 +222,15 @@ mod tests {
         FrameRecord { cars, ..FrameRecord::empty(second, second as f64, size) }
     }
 
+    const EVIDENCE: Evidence = Evidence {
+        class: VehicleClass::Car,
+        score: 2.0,
+        moved: 0.0,
+        fitted: 1.0,
+        log_rms: 0.0,
+        above_car_m: 0.0,
+    };
+
     /// Returns a track that is detected in these seconds as the car with index `car`.
     fn track(seconds: std::ops::Range<u64>, car: usize) -> Track {
         let state = |second: u64| TrackState {
@@ -242,6 +253,7 @@ mod tests {
             dims_covariance: None,
             states: seconds.map(state).collect(),
             shape: ShapeBelief::default(),
+            evidence: EVIDENCE,
         }
     }
 

@@ -168,8 +168,8 @@ fn nonsense_is_counted_and_left_out() {
         tracker.push(&frame);
     }
     assert_eq!(tracker.rejected(), 30);
-    assert_eq!(tracker.finish(&()).len(), 8);
-    assert!(Tracker::new(TrackOptions::default()).finish(&()).is_empty());
+    assert_eq!(tracker.finish(&()).tracks.len(), 8);
+    assert!(Tracker::new(TrackOptions::default()).finish(&()).tracks.is_empty());
 }
 
 #[test]

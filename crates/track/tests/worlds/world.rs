@@ -5,6 +5,11 @@ use roadplane_base::{Camera, FrameStamp, GroundPlane, GroundPose, Shape, Vehicle
 use roadplane_synth::Rng;
 use roadplane_track::{CarMeasurement, FrameMeasurements, ShapeBelief, Track, TrackOptions, Tracker};
 
+/// How well the keypoints of cars usually fit.
+pub const GOOD_FIT: f64 = 0.018;
+/// How well keypoints that a net finds in other objects usually fit.
+const BAD_FIT: f64 = 0.05;
+
 /// Pose of a car at a time (s); `None` while it is absent.
 pub type Path = Box<dyn Fn(f64) -> Option<GroundPose>>;
 
@@ -198,6 +203,7 @@ impl World {
                     hidden: [false; 4],
                     known: false,
                     dims_m: None,
+                    fit_rms_share: Some(GOOD_FIT),
                 });
                 owners.push(Some(k));
             }
@@ -219,6 +225,7 @@ impl World {
                     hidden: [false; 4],
                     known: false,
                     dims_m: None,
+                    fit_rms_share: Some(BAD_FIT),
                 });
                 owners.push(None);
             }
@@ -246,7 +253,7 @@ fn share_covered(own: &[f64; 4], other: &[f64; 4]) -> f64 {
 pub fn track(frames: &[FrameMeasurements]) -> Vec<Track> {
     let mut tracker = Tracker::new(TrackOptions::default());
     frames.iter().for_each(|frame| tracker.push(frame));
-    tracker.finish(&())
+    tracker.finish(&()).tracks
 }
 
 /// Returns the car that each track follows: the one that has nine tenths of its detections.

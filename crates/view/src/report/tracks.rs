@@ -23,6 +23,7 @@ pub(super) fn tracks(page: &mut String, rows: &[TrackRow]) {
     for head in [
         "track",
         "class",
+        "a vehicle, %",
         "from – to, s",
         "detected",
         "length × width × height, m",
@@ -43,10 +44,11 @@ pub(super) fn tracks(page: &mut String, rows: &[TrackRow]) {
         put(
             page,
             format_args!(
-                "<tr><th>{}{track}</th><td>{}</td><td>{:.1} – {:.1}</td><td>{:.0} %</td><td>{:.2} × {:.2} × {:.2}</td>\
+                "<tr><th>{}{track}</th><td>{}</td><td>{}</td><td>{:.1} – {:.1}</td><td>{:.0} %</td><td>{:.2} × {:.2} × {:.2}</td>\
                  <td>{:.1}</td><td>{top:.1}</td><td>{:.0}</td><td>{:.2}, {:.2}</td><td>{:.1}</td><td>{}</td></tr>\n",
                 dot(*track),
                 last.class.name(),
+                last.exists_p.map(|p| format!("{:.0}", 100.0 * p)).unwrap_or_default(),
                 first.time_s,
                 last.time_s,
                 100.0 * detected as f64 / rows.len() as f64,

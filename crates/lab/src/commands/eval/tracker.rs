@@ -17,7 +17,14 @@ pub fn tracker(args: &EvalTrackerArgs, cancel: &Cancel) -> anyhow::Result<Outcom
         flips: args.flips,
         swaps: args.swaps,
     };
-    let options = TrackerOptions { noise, stride: args.stride, seed: args.seed };
+    let options = TrackerOptions {
+        recorded: args.recorded.clone(),
+        layers: args.layers,
+        candidates: args.candidates.clone(),
+        noise,
+        stride: args.stride,
+        seed: args.seed,
+    };
     let report = evaluate_tracker(&args.clips, &options, &config, cancel, &Bar::new("eval"))?;
     show(&report, args.out.as_deref())?;
     Ok(Outcome::Done)

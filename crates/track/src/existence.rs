@@ -1,0 +1,176 @@
+//! The probability that a track is a vehicle.
+//!
+//! Hedges, road markings, booths and parts of lorries are detected as vehicles again and again. All that is known of a
+//! track together decides whether it is one: a logistic model of the track's [`Evidence`].
+//!
+//! `scripts/train/tracks` fits the model by maximum likelihood. `models/tracks.json` has the weights, and
+//! `models/tracks.md` the data, the method and the reliability.
+
+use std::sync::LazyLock;
+
+use nalgebra::SVector;
+use roadplane_base::{VehicleClass, bbox_iou};
+use serde::Deserialize;
+
+use crate::{TrackState, measurement::Sighting};
+
+/// Number of features of the model.
+pub const FEATURES: usize = 7;
+
+/// Longest time between two detections between which motion counts as observed, s.
+const OBSERVED_S: f64 = 1.0;
+/// Scale of a displacement, m. Far away, positions of stationary objects jitter by about as much.
+const MOVED_M: f64 = 3.0;
+/// Median distance (rms) of a car's keypoints from their projections, as a share of the box's longer side: rendered clips.
+const USUAL_RMS_SHARE: f64 = 0.018;
+/// Largest distance below the height of a car that counts, m.
+const MOST_LOW_M: f64 = 0.75;
+
+/// The weights of the model.
+#[derive(Deserialize)]
+struct Weights {
+    /// One weight for each feature, in the order of [`Evidence::features`].
+    existence: Vec<f64>,
+}
+
+/// The weights of `models/tracks.json`.
+static WEIGHTS: LazyLock<SVector<f64, FEATURES>> = LazyLock::new(|| {
+    let weights: Option<Weights> = serde_json::from_str(include_str!("../../../models/tracks.json")).ok();
+    let weights = weights.map(|weights| weights.existence).filter(|weights| weights.len() == FEATURES);
+    weights.map_or_else(SVector::zeros, SVector::from_vec)
+});
+
+/// All that is known of a track that shows whether it is a vehicle.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Evidence {
+    /// Class of the track.
+    pub class: VehicleClass,
+    /// Mean log odds of the detector's scores.
+    pub score: f64,
+    /// Distance that it moves while it is observed, in units of 3 m, times the share of its box that it leaves.
+    pub moved: f64,
+    /// Share of its detections for which a car's keypoints were fitted, 0–1.
+    pub fitted: f64,
+    /// Mean logarithm of the distances (rms) of their keypoints from the projections, relative to the usual one.
+    pub log_rms: f64,
+    /// Height above that of the site's mean car, m.
+    pub above_car_m: f64,
+}
+
+impl Evidence {
+    /// Collects the evidence of a track. `states` are its smoothed states, one for each frame from the first detection on;
+    /// `above_car_m` is its height above that of the site's mean car. `None` without a detection.
+    pub(crate) fn of(
+        sightings: &[Sighting],
+        states: &[TrackState],
+        class: VehicleClass,
+        above_car_m: f64,
+    ) -> Option<Self> {
+        sightings.first()?;
+        // Carried-over detections are copies.
+        let measured: Vec<&Sighting> = sightings.iter().filter(|o| !o.held).collect();
+        let measured = if measured.is_empty() { sightings.iter().collect() } else { measured };
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
+        let odds: Vec<f64> = measured.iter().map(|o| log_odds(o.score)).collect();
+        let log_rms: Vec<f64> = measured
+            .iter()
+            .filter_map(|o| Some((o.fit_rms_share?.clamp(1e-3, 1.0) / USUAL_RMS_SHARE).ln()))
+            .collect();
+        Some(Self {
+            class,
+            score: mean(&odds),
+            moved: moved(sightings, states),
+            fitted: log_rms.len() as f64 / measured.len() as f64,
+            log_rms: mean(&log_rms),
+            above_car_m,
+        })
+    }
+
+    /// Returns the features of the model.
+    #[must_use]
+    pub fn features(&self) -> [f64; FEATURES] {
+        let is = |yes: bool| f64::from(u8::from(yes));
+        let is_car = is(self.class == VehicleClass::Car);
+        [
+            1.0,
+            self.score,
+            self.moved.ln_1p(),
+            is_car * (1.0 - self.fitted),
+            is_car * self.fitted * self.log_rms,
+            is_car * self.above_car_m.clamp(-MOST_LOW_M, 0.0),
+            1.0 - is_car,
+        ]
+    }
+
+    /// Returns the probability that the track is a vehicle, 0–1.
+    #[must_use]
+    pub fn probability(&self) -> f64 {
+        let odds = SVector::from(self.features()).dot(&WEIGHTS);
+        1.0 / (1.0 + (-odds).exp())
+    }
+}
+
+/// Returns the log odds of a score, 0–1.
+fn log_odds(score: f64) -> f64 {
+    let score = score.clamp(0.02, 0.98);
+    (score / (1.0 - score)).ln()
+}
+
+/// Returns how far a track moves within a time in which it is observed. Clutter never leaves its box.
+fn moved(sightings: &[Sighting], states: &[TrackState]) -> f64 {
+    let Some(first) = sightings.first() else { return 0.0 };
+    let at = |o: &Sighting| states.get(o.frame - first.frame).map(|state| (state.pose.x_m, state.pose.y_m));
+    let near = |a: &Sighting, b: &Sighting| b.time_s - a.time_s <= OBSERVED_S;
+    let of_part = |part: &[Sighting]| {
+        let (from, to) = part.first().zip(part.last())?;
+        let ((x0, y0), (x1, y1)) = at(from).zip(at(to))?;
+        Some((x1 - x0).hypot(y1 - y0) / MOVED_M * (1.0 - bbox_iou(&from.bbox_px, &to.bbox_px)))
+    };
+    sightings.chunk_by(near).filter_map(of_part).fold(0.0, f64::max)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A stationary car with middling scores, whose keypoints fit.
+    const CAR: Evidence = Evidence {
+        class: VehicleClass::Car,
+        score: 0.5,
+        moved: 0.0,
+        fitted: 1.0,
+        log_rms: 0.0,
+        above_car_m: 0.0,
+    };
+
+    #[test]
+    fn the_file_has_one_weight_for_each_feature() {
+        assert!(WEIGHTS.iter().all(|weight| weight.is_finite() && *weight != 0.0), "{:?}", *WEIGHTS);
+    }
+
+    #[test]
+    fn each_kind_of_evidence_changes_the_probability_in_its_direction() {
+        let p = |evidence: Evidence| evidence.probability();
+        assert!(p(CAR) > 0.9, "{}", p(CAR));
+        let more = [Evidence { score: 1.0, ..CAR }, Evidence { moved: 5.0, ..CAR }];
+        assert!(more.into_iter().all(|evidence| p(evidence) > p(CAR)));
+        let less = [
+            Evidence { score: -0.5, ..CAR },
+            Evidence { fitted: 0.0, ..CAR },
+            Evidence { log_rms: 1.2, ..CAR },
+            Evidence { above_car_m: -0.4, ..CAR },
+        ];
+        assert!(less.into_iter().all(|evidence| p(evidence) < p(CAR)));
+        // A hedge: middling scores, keypoints that do not fit, and a low body.
+        assert!(p(Evidence { score: 0.0, log_rms: 1.2, above_car_m: -0.35, ..CAR }) < 0.5);
+        // The shape of other vehicles is no evidence.
+        let bus = Evidence { class: VehicleClass::Bus, fitted: 0.0, ..CAR };
+        assert_eq!(bus.features(), Evidence { fitted: 1.0, above_car_m: -0.7, ..bus }.features());
+    }
+
+    #[test]
+    fn a_score_without_doubt_has_finite_odds() {
+        assert!([0.0, 1.0].into_iter().all(|score| log_odds(score).is_finite()));
+        assert!(log_odds(0.5).abs() < 1e-12);
+    }
+}

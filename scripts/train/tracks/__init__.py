@@ -1,0 +1,1 @@
+"""The numbers of the tracker that are fitted to rendered clips."""
