@@ -14,8 +14,9 @@
 //!   → smooth_track      one pose per stationary interval, else a vehicle      (way.rs, start.rs, parked.rs,
 //!                       model                                                  vehicle.rs, chain.rs)
 //!   → facing            heading disambiguation: which end is the front        (facing.rs)
+//!   → Evidence          is the track a vehicle?                               (existence.rs)
 //!   → extend            boxes where a vehicle is expected                     (extend.rs, expected.rs)
-//!   → begin             boxes that move, or are certain and stationary        (begin.rs)
+//!   → begin             boxes that no track has                               (begin.rs)
 //!   → smooth_by_boxes   path and size together, where only boxes show them    (smooth_boxes.rs, by_boxes.rs, edge.rs)
 //!   → Track                                                                   (complete.rs)
 //! ```
