@@ -10,6 +10,7 @@ use roadplane_decode::DecodeOptions;
 use roadplane_detect::DetectOptions;
 use roadplane_infer::ProviderChoice;
 use roadplane_keypoints::KeypointOptions;
+use roadplane_measure::FitLimits;
 use roadplane_solve::{CameraPrior, OutlierModel, SceneOptions, ViewErrors};
 use roadplane_track::TrackOptions;
 use roadplane_traffic::Units;
@@ -287,6 +288,12 @@ impl SolveConfig {
     #[must_use]
     pub fn reads_scene(&self) -> bool {
         self.use_verticals || self.use_lens
+    }
+
+    /// Returns the limits of a valid fit.
+    #[must_use]
+    pub fn fit_limits(&self) -> FitLimits {
+        FitLimits { min_box_overlap: self.min_box_overlap, max_rms_share: self.max_rms_share }
     }
 
     /// Returns the options of the solver. `given_focal_px` is an exact focal length from the user, px, if there is one.

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use roadplane_base::{CameraEstimate, CameraStatus, CarRef, PoseRecord, Shape, ShapeAtlas, TrackRow};
 use roadplane_calibrate::{OneCamera, Places, PlacesBuilder};
 use roadplane_geo::{NotPlaced, Place, Site};
+use roadplane_measure::any_car;
 use roadplane_track::{Evidence, Track};
 use roadplane_write::{FrameReader, PoseLines, RunStatus, read_jsonl, read_scene_curves};
 
@@ -15,7 +16,6 @@ use crate::cameras::estimate::estimate_cameras;
 use crate::cameras::known::{contradiction, in_first_picture};
 use crate::cameras::memory::CameraHistory;
 use crate::not_followed::{FollowCount, NotFollowed};
-use crate::tracks::cars::any_car;
 use crate::tracks::known::tracked_cars;
 use crate::tracks::pass::{Pass, Tally};
 use crate::tracks::views::Views;

@@ -10,9 +10,8 @@
 //! cameras/       estimates the camera over time from the frames (estimate.rs), in time windows (window.rs). Further
 //!                inputs are lines of the scene, user constraints (known.rs), the camera database (memory.rs) and the
 //!                lens (lens.rs). joining.rs has the options for joining windows and clips
-//! tracks/        estimates tracks from the frames and the camera: poses of cars (cars.rs, ground_contact.rs,
-//!                hidden.rs), one pass over a time chunk (pass.rs, scene.rs), validation of fits (believe.rs), rows of tracks
-//!                (rows.rs), activities (activities.rs)
+//! tracks/        estimates tracks from the frames and the camera: one pass over a time chunk (pass.rs, scene.rs), lines
+//!                of poses.jsonl (poses.rs), rows of tracks (rows.rs), activities (activities.rs)
 //! estimation.rs  runs cameras/ and then tracks/ for a whole clip
 //! output/        writes the files of a result (finish.rs, track_rows.rs), its report and its video (draw.rs,
 //!                losses.rs)
@@ -74,7 +73,6 @@ pub use stream::nets::{Nets, open_activity, open_detector, open_keypoints};
 pub use stream::span::Span;
 pub use stream::streaming::open_input;
 pub use tracks::activities::{activity_file, track_motion};
-pub use tracks::usable;
 pub use traffic::{
     TrafficOptions, TrafficReport, check_traffic, traffic, write_traffic, write_traffic_pictures,
 };

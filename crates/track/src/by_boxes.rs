@@ -10,11 +10,11 @@
 
 use nalgebra::{Matrix5, SMatrix, SVector, Vector3, Vector4, Vector5};
 use roadplane_base::{FrameStamp, GroundPose, VehicleClass, upper_median};
+use roadplane_measure::{EDGE_SD_PX, EDGE_SD_SHARE, Edge, OUTLINE_SD, OUTWARD, REACH};
 
 use crate::{
     Scene, TrackOptions,
     chain::Blocks,
-    edge::Edge,
     measurement::{Sighting, Size},
     vehicle::{Node, State, Vehicle, origin},
 };
@@ -27,23 +27,12 @@ type Shared = SVector<f64, SHARED>;
 /// Second derivatives by one state (rows) and the shared unknowns (columns).
 type Border = SMatrix<f64, 5, SHARED>;
 
-/// Constant part of an edge's sd from one observation to the next, px.
-const EDGE_SD_PX: f64 = 1.0;
-/// Part of an edge's sd from one observation to the next that is proportional to the box's shorter side, without unit.
-const EDGE_SD_SHARE: f64 = 0.03;
-/// Sd of an edge's offset that all observations share, as a share of the box's shorter side. It is there because bodies
-/// are no boxes.
-const OUTLINE_SD: f64 = 0.04;
 /// Correlation of the errors of observations from about one position. Correlated observations count as fewer (design
 /// effect: Kish 1965, "Survey Sampling").
 const CORRELATION: f64 = 0.5;
-/// Largest hidden part of a body, in shorter sides of the visible part.
-const REACH: f64 = 2.0;
 /// Factors on the sd of the edges, one per stage. At first edges count as less certain, so that hidden parts show
 /// before they mislead (graduated non-convexity: Blake and Zisserman 1987).
 const EASED: [f64; 3] = [8.0, 3.0, 1.0];
-/// Sign of the outward direction at a box's left, top, right and bottom edge.
-const OUTWARD: [f64; 4] = [-1.0, -1.0, 1.0, 1.0];
 /// Least length, width and height of a body, m.
 const LEAST_M: f64 = 1.0;
 /// Step of numerical derivatives, m and rad.

@@ -35,7 +35,6 @@ mod by_boxes;
 mod chain;
 mod complete;
 mod duplicates;
-mod edge;
 mod existence;
 mod expected;
 mod extend;

@@ -7,6 +7,7 @@ use roadplane_base::{CameraEstimate, FrameRecord, ImageSize, Lens, SceneCurve, S
 use roadplane_calibrate::{
     EvidenceBuilder, EvidenceOptions, FuseOptions, Joined, Places, Turns, Window, epochs, fuse, join,
 };
+use roadplane_measure::usable;
 
 use crate::cameras::camera_track::{CameraTrack, Visit, by_visits, position_at};
 use crate::cameras::joining::{
@@ -18,7 +19,6 @@ use crate::cameras::memory::{CameraHistory, look};
 use crate::cameras::remembered::{add_remembered, evidence_of, own_epoch};
 use crate::cameras::window::Solving;
 use crate::cameras::witnesses::{Heard, ToldLines, and_witnesses, hear_witnesses};
-use crate::tracks::believe::usable;
 use crate::{Config, PipelineError};
 
 /// Estimates the camera from all frames, long edges of the site, user constraints and the camera database.
@@ -82,7 +82,7 @@ pub fn estimate_cameras(
         scene_lines.take(&mut frame);
         for car in &mut frame.cars {
             if let Some(set) = &mut car.keypoints {
-                **set = usable(set, config);
+                **set = usable(set, config.solve.min_keypoint_score);
             }
         }
         take(builder.push(frame), image_size, lens.lens(), &known);

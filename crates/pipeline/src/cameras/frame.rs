@@ -6,6 +6,7 @@ use roadplane_base::{
     ShapeAtlas,
 };
 use roadplane_calibrate::{WindowEstimate, fuse};
+use roadplane_measure::usable;
 use roadplane_solve::{
     CarView, FreeCarFit, PlaneTerms, SceneOptions, SceneStatus, solve_free_scene, solve_scene,
 };
@@ -15,7 +16,6 @@ use crate::cameras::joining::{factors_of_window, fuse_options, nothing_seen};
 use crate::cameras::known::CameraConstraints;
 use crate::cameras::lens::LensOfClip;
 use crate::cameras::window::by_cars_alone;
-use crate::tracks::believe::usable;
 
 /// Estimates the camera of a single frame.
 #[must_use]
@@ -29,7 +29,7 @@ pub fn estimate_frame(
     let curves = frame.scene_curves.as_deref().unwrap_or_default();
     let (lens, known, options) = before_cars(curves, size, known, config);
     let sets: Vec<KeypointSet> =
-        frame.cars.iter().filter_map(|car| car.keypoints.as_deref()).map(|set| usable(set, config)).collect();
+        frame.cars.iter().filter_map(|car| car.keypoints.as_deref()).map(|set| usable(set, config.solve.min_keypoint_score)).collect();
     let solution = solve_scene(atlas, size, &CarView::each(&sets), &options);
     let cars_used = solution.cars.iter().flatten().filter(|car| car.used).count();
     if !known.is_silent() {
@@ -69,7 +69,7 @@ pub fn estimate_frame_as_paper(
     let sets: Vec<KeypointSet> = frame
         .cars
         .iter()
-        .map(|car| car.keypoints.as_deref().map_or(unseen, |set| usable(set, config)))
+        .map(|car| car.keypoints.as_deref().map_or(unseen, |set| usable(set, config.solve.min_keypoint_score)))
         .collect();
     let solution = solve_free_scene(atlas, size, &CarView::each(&sets), Some(PLANE_TERMS), &options);
     let cars_used = solution.cars.iter().flatten().count();

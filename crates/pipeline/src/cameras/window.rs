@@ -8,10 +8,10 @@ use roadplane_base::{
     Camera, CameraParams, Factor, ImageSize, JointInformation, Keypoint, Lens, ParkedCar, ShapeAtlas,
 };
 use roadplane_calibrate::{CarHeading, CarUse, LinkId, View, Window, WindowEstimate};
+use roadplane_measure::projected_box;
 use roadplane_solve::{CarSolution, CarView, SceneOptions, SceneSolution, ShapePrior, fit_car, solve_scene};
 
 use crate::Config;
-use crate::tracks::believe::{is_believable, projected_box};
 
 /// Least length of the longer side of a box whose car's heading is used, px.
 const LEAST_TURNED_PX: f64 = 40.0;
@@ -96,6 +96,7 @@ fn solve_window(
     // A box without a car is recognised only when the plane is determined. Such boxes are removed, and the window is
     // solved again.
     let camera = Camera { lens: options.lens, ..Camera::centred(solution.params.focal_px(), size) };
+    let limits = config.solve.fit_limits();
     let believed: Vec<bool> = window
         .views
         .iter()
@@ -103,7 +104,7 @@ fn solve_window(
         .map(|(view, car)| {
             car.as_ref().is_some_and(|car| {
                 let projected = projected_box(atlas, &camera, &car.camera_from_car, &car.shape);
-                is_believable(projected, &view.bbox_px, car.reprojection_rms_px, &view.picture_px, config)
+                limits.is_valid(projected, &view.bbox_px, car.reprojection_rms_px, &view.picture_px)
             })
         })
         .collect();

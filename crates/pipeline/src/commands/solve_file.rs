@@ -8,6 +8,7 @@ use std::sync::Arc;
 
 use roadplane_base::{CameraEstimate, CameraStatus, CarRecord, FrameRecord, ShapeAtlas};
 use roadplane_calibrate::OneCamera;
+use roadplane_measure::{FrameCamera, any_car, fit_frame, usable};
 use roadplane_solve::{FreeCarFit, SceneOptions, ShapePrior, fit_free_car};
 use roadplane_write::{FrameReader, PoseLines, read_scene_curves, write_camera};
 
@@ -15,8 +16,7 @@ use crate::cameras::estimate::{estimate_cameras, prior_camera};
 use crate::cameras::frame::{estimate_frame, estimate_frame_as_paper};
 use crate::cameras::known::{contradiction, in_first_picture};
 use crate::estimation::places_of;
-use crate::tracks::cars::{CarriedPoses, FrameCamera, any_car, fit_frame, free_pose_record, pose_record};
-use crate::tracks::usable;
+use crate::tracks::poses::{CarriedPoses, free_pose_record, pose_record};
 use crate::{CameraConstraints, Cancel, Config, PipelineError, Progress};
 
 /// Method that estimates the camera and the poses of cars from frames.
@@ -138,7 +138,7 @@ pub fn solve_file(
                 }
                 let camera = FrameCamera::from(&estimates[0]).camera;
                 let fit = |car: &CarRecord| {
-                    fit_free_car(&atlas, &camera, &usable(car.keypoints.as_deref()?, config), &poses.scene)
+                    fit_free_car(&atlas, &camera, &usable(car.keypoints.as_deref()?, config.solve.min_keypoint_score), &poses.scene)
                 };
                 let fits: Vec<_> = frame.cars.iter().map(fit).collect();
                 poses.free(&frame, &estimates[0], &fits)?;
@@ -173,7 +173,7 @@ impl Poses<'_> {
     ) -> Result<(), PipelineError> {
         self.check_stop()?;
         let view = FrameCamera::from(estimate);
-        let fits = fit_frame(frame, &view, self.atlas, &self.scene, self.config, |_| (shape, None));
+        let fits = fit_frame(frame, &view, self.atlas, &self.scene, self.config.solve.min_keypoint_score, |_| (shape, None));
         for (i, fit) in fits.iter().enumerate() {
             let fitted = fit.as_ref().and_then(|fit| pose_record(frame, i, fit, self.atlas));
             if let Some(pose) = &fitted {

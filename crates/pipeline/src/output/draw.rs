@@ -7,6 +7,7 @@ use std::path::Path;
 use image::RgbImage;
 use roadplane_base::{CameraEstimate, Homography, Shape, ShapeAtlas, TrackRow};
 use roadplane_decode::{DecodeOptions, refuse_address};
+use roadplane_measure::FrameCamera;
 use roadplane_view::{
     DrawnCar, GroundCells, Overlay, PlainFrame, ReportInput, VideoSink, report_html, with_lines,
 };
@@ -21,7 +22,6 @@ use crate::stream::flow::Work;
 use crate::stream::stills::Stills;
 use crate::stream::streaming::{open_input, stream};
 use crate::stream::watched::in_words;
-use crate::tracks::cars::FrameCamera;
 use crate::tracks::views::Views;
 use crate::{Cancel, Config, PipelineError, Progress};
 

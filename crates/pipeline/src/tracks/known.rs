@@ -4,9 +4,9 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use roadplane_base::{CarRef, GroundPose, ShapeAtlas, VehicleClass};
+use roadplane_measure::{Body, body_of, car_body};
 use roadplane_track::{ShapeBelief, Track, TrackState};
 
-use crate::tracks::body::{Body, body_of, car_body};
 use crate::tracks::stretch::detections_of;
 
 /// The vehicle in a box, from the first pass.

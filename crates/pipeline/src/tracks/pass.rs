@@ -6,6 +6,9 @@ use roadplane_base::{
     CarRecord, CarRef, FrameRecord, FrameStamp, PoseRecord, ShapeAtlas, VehicleClass, bbox_part_seen,
 };
 use roadplane_geo::Place;
+use roadplane_measure::{
+    FrameCamera, Knowledge, cut_edges, fit_frame, ground_contact, hidden_edges, projected_box,
+};
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
 use roadplane_track::{
     BoxSighting, CarMeasurement, FrameMeasurements, HeldCar, SeenAgain, ShapeBelief, Track, TrackOptions,
@@ -13,11 +16,8 @@ use roadplane_track::{
 };
 
 use crate::cameras::camera_track::CameraTrack;
-use crate::tracks::believe::{is_believable, projected_box};
-use crate::tracks::cars::{CarriedPoses, FrameCamera, fit_frame, pose_record};
-use crate::tracks::ground_contact::{Knowledge, cut_edges, ground_contact};
-use crate::tracks::hidden::hidden_edges;
 use crate::tracks::known::KnownCar;
+use crate::tracks::poses::{CarriedPoses, pose_record};
 use crate::tracks::scene::Looked;
 use crate::tracks::stretch::TimeChunk;
 use crate::tracks::views::Views;
@@ -73,6 +73,7 @@ impl Pass<'_> {
         let new = || Tracker::new(TrackOptions { min_exists_p, ..self.config.track.clone() });
         let mut views = Views::default();
         let mut looks = CarriedPoses::default();
+        let limits = self.config.solve.fit_limits();
         for frame in frames {
             let frame = frame?;
             let own = stretch.holds(frame.time_s);
@@ -87,7 +88,14 @@ impl Pass<'_> {
                     Some(known) => (ShapePrior::fixed_at(known.vehicle.shape.mean), Some(known.pose)),
                     None => (self.any_car, None),
                 };
-            let fitted = fit_frame(&frame, &view, self.atlas, &self.options, self.config, prior);
+            let fitted = fit_frame(
+                &frame,
+                &view,
+                self.atlas,
+                &self.options,
+                self.config.solve.min_keypoint_score,
+                prior,
+            );
             let (mut cars, mut held, mut seen_again, mut boxes) =
                 (Vec::new(), Vec::new(), Vec::new(), Vec::new());
             for (index, fit) in fitted.into_iter().enumerate() {
@@ -120,9 +128,8 @@ impl Pass<'_> {
                             projected_box(self.atlas, &view.camera, &car.camera_from_car, &car.shape)
                                 .map(|whole| bbox_part_seen(&whole, &record.bbox_px, hidden));
                         let rms = car.reprojection_rms_px;
-                        let believable =
-                            is_believable(projected, &record.bbox_px, rms, &picture_px, self.config);
-                        (!(car.used && believable)).then_some("keypoints_disagree")
+                        let is_valid = limits.is_valid(projected, &record.bbox_px, rms, &picture_px);
+                        (!(car.used && is_valid)).then_some("keypoints_disagree")
                     }
                 };
                 let known = known.and_then(|known| known.get(&CarRef { frame: frame.frame, car: index }));

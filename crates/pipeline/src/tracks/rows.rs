@@ -2,11 +2,9 @@
 
 use nalgebra::Vector3;
 use roadplane_base::{TrackRow, bbox_share_inside};
+use roadplane_measure::{FrameCamera, body_box, overlap_inside, projected_box};
 use roadplane_track::{Track, TrackState};
 
-use crate::tracks::believe::{overlap_inside, projected_box};
-use crate::tracks::cars::FrameCamera;
-use crate::tracks::ground_contact::body_box;
 use crate::tracks::pass::Pass;
 use crate::tracks::shared_error::shared_covariance;
 use crate::tracks::views::Views;

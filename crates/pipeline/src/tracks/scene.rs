@@ -2,11 +2,11 @@
 
 use nalgebra::Vector3;
 use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass};
+use roadplane_measure::{
+    Body, FrameCamera, Knowledge, body_box, body_of, car_body, ground_contact,
+};
 use roadplane_track::{BoxSighting, ExpectedVehicle, Placed, Scene, Size};
 
-use crate::tracks::body::{Body, body_of, car_body};
-use crate::tracks::cars::FrameCamera;
-use crate::tracks::ground_contact::{Knowledge, body_box, ground_contact};
 use crate::tracks::pass::Pass;
 use crate::tracks::views::Views;
 

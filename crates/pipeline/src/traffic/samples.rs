@@ -4,11 +4,11 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector2;
 use roadplane_base::{GroundPose, VehicleClass};
+use roadplane_measure::body_of;
 use roadplane_traffic::{State, Vehicle};
 use roadplane_write::TrackSample;
 
 use super::world::World;
-use crate::tracks::body::body_of;
 
 /// Shortest time between two states of a vehicle, s. More states change no figure, but need memory.
 const LEAST_STEP_S: f64 = 0.095;

@@ -2,7 +2,8 @@
 
 use nalgebra::{Isometry3, Vector2, Vector3};
 use roadplane_base::{Camera, FrameRecord, KEYPOINTS, KeypointSet, ShapeAtlas, StudentT};
-use roadplane_pipeline::{Config, usable};
+use roadplane_measure::usable;
+use roadplane_pipeline::Config;
 use roadplane_solve::{ShapePrior, fit_car, fit_free_car};
 
 use roadplane_metrics::readers::cameras::ReferenceCamera;
@@ -84,7 +85,7 @@ pub(super) fn cars_of(
     config: &Config,
 ) -> Vec<SeenCar> {
     let seen = |car: &roadplane_base::CarRecord| {
-        let keypoints = usable(car.keypoints.as_deref()?, config);
+        let keypoints = usable(car.keypoints.as_deref()?, config.solve.min_keypoint_score);
         seen_car(reference, &keypoints, car.longer_side_px(), atlas, config)
     };
     frame.cars.iter().filter_map(seen).collect()

@@ -20,9 +20,21 @@ const HIDDEN_BY_VEHICLE: f64 = 0.7;
 /// Share of edges that belong to boxes of other objects.
 const WRONG: f64 = 0.01;
 
+/// Constant part of an edge's sd from one observation to the next, px.
+pub const EDGE_SD_PX: f64 = 1.0;
+/// Part of an edge's sd from one observation to the next that is proportional to the box's shorter side, without unit.
+pub const EDGE_SD_SHARE: f64 = 0.03;
+/// Sd of an edge's offset that all observations share, as a share of the box's shorter side. It is there because bodies
+/// are no boxes.
+pub const OUTLINE_SD: f64 = 0.04;
+/// Largest hidden part of a body, in shorter sides of the visible part.
+pub const REACH: f64 = 2.0;
+/// Sign of the outward direction at a box's left, top, right and bottom edge.
+pub const OUTWARD: [f64; 4] = [-1.0, -1.0, 1.0, 1.0];
+
 /// An edge of a box.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Edge {
+pub struct Edge {
     /// Position of the edge in the picture, px.
     pub seen_px: f64,
     /// Sd of the edge's position, px.
@@ -37,7 +49,7 @@ pub(crate) struct Edge {
 
 impl Edge {
     /// Returns the probability that a body continues beyond an edge, 0–1.
-    pub(crate) fn hidden(is_cut: bool, by_vehicle: bool) -> f64 {
+    pub fn hidden(is_cut: bool, by_vehicle: bool) -> f64 {
         match (is_cut, by_vehicle) {
             (true, _) => 1.0,
             (_, true) => HIDDEN_BY_VEHICLE,
@@ -46,19 +58,19 @@ impl Edge {
     }
 
     /// Whether another vehicle may hide the body there, or the picture ends there.
-    pub(crate) fn is_hidden(&self) -> bool {
+    pub fn is_hidden(&self) -> bool {
         self.hidden > HIDDEN
     }
 
     /// Whether the edge is more probably the body's own than not. `inside` is the distance by which it lies inside the
     /// body's own edge, in sds.
-    pub(crate) fn is_own(&self, inside: f64) -> bool {
+    pub fn is_own(&self, inside: f64) -> bool {
         self.cost_and_weight(inside).1 > 0.5 * self.looks
     }
 
     /// Returns the negative log density of an edge that lies `inside` the body's own by so many sds, up to a constant.
     /// The second number is its weight: the share of the density from terms that pull the edges together.
-    pub(crate) fn cost_and_weight(&self, inside: f64) -> (f64, f64) {
+    pub fn cost_and_weight(&self, inside: f64) -> (f64, f64) {
         let near = (-0.5 * inside * inside).exp();
         let own = (1.0 - self.hidden) / TAU.sqrt() * near;
         let share = self.sd_px / self.reach_px;

@@ -1,72 +1,14 @@
-//! Fits the cars of a frame on the estimated plane, with the estimated camera.
+//! Converts fits of cars to lines of `poses.jsonl`.
 
 use std::collections::BTreeMap;
 
-use nalgebra::{Isometry3, SMatrix};
+use nalgebra::Isometry3;
 use roadplane_base::{
-    Camera, CameraEstimate, CarRef, FrameRecord, GroundPlane, GroundPose, KEYPOINTS, MODES, PoseRecord,
-    Shape, ShapeAtlas, VehicleClass, rows_from_isometry,
+    CarRef, FrameRecord, GroundPlane, KEYPOINTS, PoseRecord, Shape, ShapeAtlas, rows_from_isometry,
 };
-use roadplane_solve::{CarFit, FreeCarFit, SceneOptions, ShapePrior, fit_car};
+use roadplane_solve::{CarFit, FreeCarFit, SceneOptions};
 
-use crate::Config;
 use crate::stream::cadence::RESET_S;
-use crate::tracks::believe::usable;
-
-/// The camera and the ground plane of a frame.
-#[derive(Clone, Copy, Debug)]
-pub struct FrameCamera {
-    /// Camera with its lens.
-    pub camera: Camera,
-    /// Ground plane in the camera frame.
-    pub plane: GroundPlane,
-}
-
-impl From<&CameraEstimate> for FrameCamera {
-    fn from(estimate: &CameraEstimate) -> Self {
-        let camera = estimate.camera();
-        Self { camera, plane: estimate.params.plane() }
-    }
-}
-
-/// Returns the prior of the shape of any car of a site.
-///
-/// `size_of_cars` is the log of the size of the site's cars relative to the atlas.
-#[must_use]
-pub fn any_car(atlas: &ShapeAtlas, size_of_cars: f64) -> ShapePrior {
-    // Coefficients nearest to the scaled mean car, by least squares over its keypoints.
-    let mut normal = SMatrix::<f64, MODES, MODES>::zeros();
-    let mut right = Shape::zeros();
-    for (i, mean) in atlas.mean.iter().enumerate() {
-        let modes = SMatrix::<f64, 3, MODES>::from_fn(|axis, mode| atlas.modes[mode][i][axis]);
-        normal += modes.transpose() * modes;
-        right += modes.transpose() * mean * size_of_cars.exp_m1();
-    }
-    let mean = normal.cholesky().map_or_else(Shape::zeros, |normal| normal.solve(&right));
-    ShapePrior { mean: atlas.clamped(&mean), ..ShapePrior::default() }
-}
-
-/// Fits every car of the frame that has keypoints.
-///
-/// `known(i)` returns the prior of car i: its shape, and its approximate pose if there is one.
-pub fn fit_frame(
-    frame: &FrameRecord,
-    view: &FrameCamera,
-    atlas: &ShapeAtlas,
-    options: &SceneOptions,
-    config: &Config,
-    known: impl Fn(usize) -> (ShapePrior, Option<GroundPose>),
-) -> Vec<Option<CarFit>> {
-    let fit = |(i, car): (usize, &roadplane_base::CarRecord)| {
-        if car.class != VehicleClass::Car {
-            return None;
-        }
-        let keypoints = usable(car.keypoints.as_deref()?, config);
-        let (shape, start) = known(i);
-        fit_car(atlas, &view.camera, &view.plane, &keypoints, &shape, start.as_ref(), options)
-    };
-    frame.cars.iter().enumerate().map(fit).collect()
-}
 
 /// Returns the line of `poses.jsonl` for a fitted car. Its track is filled in later.
 #[must_use]
@@ -197,21 +139,4 @@ fn record_of(frame: &FrameRecord, index: usize, pose: &Pose, atlas: &ShapeAtlas)
         used: pose.used,
         pose_from: None,
     })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn cars_of_a_place_are_as_large_as_it_says() {
-        let atlas = ShapeAtlas::shipped().unwrap();
-        assert_eq!(any_car(&atlas, 0.0), ShapePrior::default());
-        for log_size in [-0.05, 0.02, 0.05] {
-            let dims_m = atlas.dims_m(&any_car(&atlas, log_size).mean);
-            // In the modes of cars, the width grows less than length and height.
-            let larger = dims_m.component_div(&atlas.dims_mean).map(f64::ln) / log_size;
-            assert!((larger.mean() - 1.0).abs() < 0.2 && larger.min() > 0.5, "{log_size}: {larger}");
-        }
-    }
 }

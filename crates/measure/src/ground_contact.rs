@@ -8,43 +8,20 @@
 
 use std::f64::consts::PI;
 
-use nalgebra::{Matrix2, Matrix3, Point3, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3, Vector4};
 use roadplane_base::{GroundPose, VehicleClass, fold_axis};
 
-use crate::tracks::body::{Body, body_of};
-use crate::tracks::cars::FrameCamera;
+use crate::edge::{EDGE_SD_PX, EDGE_SD_SHARE, OUTLINE_SD, OUTWARD, REACH};
+use crate::{Body, Edge, FrameCamera, body_box, body_of, cut_edges};
 
 /// Number of headings that are tried in half a turn.
 const HEADINGS: usize = 8;
 /// Largest number of Gauss–Newton rounds of a fit.
 const ROUNDS: usize = 8;
-/// Constant part of the sd of a box's edge, px.
-const EDGE_SD_PX: f64 = 1.0;
-/// Part of the sd of a box's edge that grows with the box, as a share of its shorter side.
-const EDGE_SD_SHARE: f64 = 0.05;
-/// Factor on the sd of the lower edge, which other vehicles may hide.
-const BOTTOM_FACTOR: f64 = 2.0;
-/// Factor on the sd of an edge that lies where another vehicle begins.
-const HIDDEN_FACTOR: f64 = 10.0;
-/// An edge nearer than this to the picture's border is cut off by the picture, px.
-const CUT_PX: f64 = 2.5;
-/// Height of the bumpers' lower edge above the ground, m.
-const CLEARANCE_M: f64 = 0.3;
+/// Step of numerical derivatives, m.
+const STEP: f64 = 1e-3;
 /// Least length, width and height of a body, m.
 const LEAST_M: f64 = 1.0;
-
-/// Outline of a body: levels of half length and half width, at a height.
-///
-/// Half length is in lengths, half width in widths. The height is a share of the height above the bumpers' lower edge;
-/// `None` is the ground, where only the wheels are.
-type Outline = [(f64, f64, Option<f64>)];
-/// Outline of trucks and buses: a box with wheels.
-const BOX: &Outline = &[(0.5, 0.5, Some(1.0)), (0.5, 0.5, Some(0.0)), (0.3, 0.5, None)];
-/// Outline of cars: roof, bonnet and boot, bumpers, wheels.
-///
-/// It is the atlas's mean car with equal front and rear, because a box does not distinguish them.
-const SALOON: &Outline =
-    &[(0.2, 0.35, Some(1.0)), (0.45, 0.45, Some(0.47)), (0.5, 0.4, Some(0.0)), (0.3, 0.5, None)];
 
 /// Returns the probability of each class in a box of a label. Detectors take cars for trucks more often than the
 /// reverse.
@@ -90,12 +67,6 @@ pub struct GroundContact {
     pub dims_sd_m: Vector3<f64>,
 }
 
-/// Returns whether a box reaches the border of the picture `[left, top, right, bottom]`, edge by edge.
-#[must_use]
-pub fn cut_edges([x0, y0, x1, y1]: &[f64; 4], [left, top, right, bottom]: &[f64; 4]) -> [bool; 4] {
-    [*x0 < left + CUT_PX, *y0 < top + CUT_PX, *x1 > right - CUT_PX, *y1 > bottom - CUT_PX]
-}
-
 /// Estimates a vehicle's pose and size from its box.
 ///
 /// `picture_px` is the picture as a box. `hidden` marks the edges at which another vehicle hides this one: left, top, right, bottom. They hardly show where
@@ -129,11 +100,36 @@ pub fn ground_contact(
             [-1.5, 0.0, 1.5].map(|s| (*body, heading_rad + s * sd_rad, share(s))).to_vec()
         }
     };
-    let fits: Vec<Fit> = bodies
-        .into_iter()
-        .filter_map(|(body, heading, share)| Seen { bbox_px, cut, hidden, view, body, heading }.fit(share))
-        .collect();
+    // Where another vehicle begins, it hides the body, or it is behind the body.
+    let by_vehicle = Edge::hidden(false, true);
+    let cases: &[(f64, [bool; 4])] =
+        if hidden.contains(&true) { &[(1.0 - by_vehicle, cut), (by_vehicle, either(cut, hidden))] } else { &[(1.0, cut)] };
+    let mut fits: Vec<Fit> = Vec::new();
+    for (p, goes_on) in cases {
+        let edges = &edges(bbox_px, *goes_on);
+        let seen = |(body, heading, share): &(Body, f64, f64)| {
+            Seen { bbox_px, edges, view, body: *body, heading: *heading }.fit(share * p)
+        };
+        fits.extend(bodies.iter().filter_map(seen));
+    }
     mixture(&fits)
+}
+
+/// Returns the edges that are in one set, in the other, or in both.
+fn either(a: [bool; 4], b: [bool; 4]) -> [bool; 4] {
+    std::array::from_fn(|i| a[i] || b[i])
+}
+
+/// Returns the left, top, right and bottom edge of a single box. The body certainly continues beyond the edges `goes_on`.
+fn edges(bbox_px: &[f64; 4], goes_on: [bool; 4]) -> [Edge; 4] {
+    let side_px = (bbox_px[2] - bbox_px[0]).min(bbox_px[3] - bbox_px[1]);
+    std::array::from_fn(|i| Edge {
+        seen_px: bbox_px[i],
+        sd_px: EDGE_SD_PX + EDGE_SD_SHARE.hypot(OUTLINE_SD) * side_px,
+        hidden: Edge::hidden(goes_on[i], false),
+        reach_px: REACH * side_px,
+        looks: 1.0,
+    })
 }
 
 /// Position and size of a vehicle: x, y, length, width, height, m.
@@ -151,14 +147,22 @@ struct Fit {
     log_weight: f64,
 }
 
+/// The negative log posterior of one body, linearised at a position and size.
+struct Linear {
+    /// Its value, up to a constant.
+    cost: f64,
+    /// Its second derivatives: the information.
+    information: SMatrix<f64, 5, 5>,
+    /// Its gradient.
+    gradient: Place,
+}
+
 /// A box, and the body that is fitted to it.
 struct Seen<'a> {
     /// The box: left, top, right, bottom, px.
     bbox_px: &'a [f64; 4],
-    /// Whether the picture cuts off the left, top, right and bottom edge.
-    cut: [bool; 4],
-    /// Whether another vehicle hides the left, top, right and bottom edge.
-    hidden: [bool; 4],
+    /// Its left, top, right and bottom edge.
+    edges: &'a [Edge; 4],
     /// Camera and ground plane.
     view: &'a FrameCamera,
     /// Prior of the body's size.
@@ -179,70 +183,60 @@ impl Seen<'_> {
         let precision = self.body.covariance.try_inverse()?;
         let dims = self.body.dims_m;
         let mut place = Place::new(behind.x, behind.y, dims.x, dims.y, dims.z);
-        let (mut cost, mut information) = self.linear(&place, &precision)?.0;
+        let mut here = self.linear(&place, &precision)?;
         for _ in 0..ROUNDS {
-            let (_, gradient) = self.linear(&place, &precision)?;
-            let step = information.cholesky()?.solve(&gradient);
-            let mut trial = place - step;
+            let mut trial = place - here.information.cholesky()?.solve(&here.gradient);
             for i in 2..5 {
                 trial[i] = trial[i].max(LEAST_M);
             }
-            let Some(((reached, next), _)) = self.linear(&trial, &precision) else { break };
-            let gained = cost - reached;
+            let Some(there) = self.linear(&trial, &precision) else { break };
+            let gained = here.cost - there.cost;
             if gained.is_nan() || gained < 1e-3 {
                 break;
             }
-            (place, cost, information) = (trial, reached, next);
+            (place, here) = (trial, there);
         }
+        let Linear { cost, information, .. } = here;
         let factor = information.cholesky()?;
         let log_det = 2.0 * factor.l().diagonal().iter().map(|v| v.ln()).sum::<f64>();
         let log_prior = 0.5 * precision.determinant().ln();
-        let log_weight = share.ln() - 0.5 * cost + log_prior - 0.5 * log_det;
+        let log_weight = share.ln() - cost + log_prior - 0.5 * log_det;
         Some(Fit { place, covariance: factor.inverse(), heading: self.heading, log_weight })
     }
 
-    /// Returns ((cost, information), gradient) at a position and size.
-    fn linear(&self, place: &Place, precision: &Matrix3<f64>) -> Option<((f64, SMatrix<f64, 5, 5>), Place)> {
-        let at = self.projected(place)?;
-        let [x0, y0, x1, y1] = *self.bbox_px;
-        let edge_sd = EDGE_SD_PX + EDGE_SD_SHARE * (x1 - x0).min(y1 - y0);
+    /// Linearises the negative log posterior at a position and size.
+    fn linear(&self, place: &Place, precision: &Matrix3<f64>) -> Option<Linear> {
+        let inside = |place: &Place| {
+            let at = self.projected(place)?;
+            let of = |i: usize| OUTWARD[i] * (at[i] - self.edges[i].seen_px) / self.edges[i].sd_px;
+            Some(Vector4::from_fn(|i, _| of(i)))
+        };
+        let here = inside(place)?;
+        let mut derivatives = SMatrix::<f64, 4, 5>::zeros();
+        for p in 0..5 {
+            let mut moved = *place;
+            moved[p] += STEP;
+            derivatives.set_column(p, &((inside(&moved)? - here) / STEP));
+        }
         let mut information = SMatrix::<f64, 5, 5>::zeros();
         let mut gradient = Place::zeros();
         let mut cost = 0.0;
-        let mut derivatives = [[0.0; 5]; 4];
-        for p in 0..5 {
-            let mut moved = *place;
-            moved[p] += 1e-3;
-            let there = self.projected(&moved)?;
-            for edge in 0..4 {
-                derivatives[edge][p] = (there[edge] - at[edge]) / 1e-3;
-            }
-        }
-        // Beyond the border of the picture the body continues by an unknown length.
-        let is_beyond = |edge: usize| (at[edge] < self.bbox_px[edge]) == (edge < 2);
-        for edge in (0..4).filter(|edge| !(self.cut[*edge] && is_beyond(*edge))) {
-            let sd = edge_sd
-                * match (self.hidden[edge], edge == 3) {
-                    (true, _) => HIDDEN_FACTOR,
-                    (false, true) => BOTTOM_FACTOR,
-                    (false, false) => 1.0,
-                };
-            let row = Place::from(derivatives[edge]) / sd;
-            let residual = (at[edge] - self.bbox_px[edge]) / sd;
-            information += row * row.transpose();
-            gradient += row * residual;
-            cost += residual * residual;
+        for (edge, (row, by)) in self.edges.iter().zip(derivatives.row_iter().zip(&here)) {
+            let (own_cost, weight) = edge.cost_and_weight(*by);
+            cost += own_cost;
+            information += row.transpose() * row * weight;
+            gradient += row.transpose() * (weight * by);
         }
         let off = place.fixed_rows::<3>(2) - self.body.dims_m;
         let mut sizes = information.fixed_view_mut::<3, 3>(2, 2);
         sizes += precision;
         let mut pull = gradient.fixed_rows_mut::<3>(2);
         pull += precision * off;
-        cost += off.dot(&(precision * off));
+        cost += 0.5 * off.dot(&(precision * off));
         // A weak prior of the position keeps the information invertible.
         information[(0, 0)] += 1e-6;
         information[(1, 1)] += 1e-6;
-        Some(((cost, information), gradient))
+        Some(Linear { cost, information, gradient })
     }
 
     /// Returns the box of the body in the picture, px.
@@ -250,30 +244,6 @@ impl Seen<'_> {
         let pose = GroundPose { x_m: place[0], y_m: place[1], heading_rad: self.heading };
         body_box(self.view, &pose, self.body.class, &Vector3::new(place[2], place[3], place[4]))
     }
-}
-
-/// Returns the box of a body on the ground in the picture, px.
-///
-/// `None` if a corner of its outline is not in front of the camera.
-#[must_use]
-pub fn body_box(
-    view: &FrameCamera,
-    pose: &GroundPose,
-    class: VehicleClass,
-    dims_m: &Vector3<f64>,
-) -> Option<[f64; 4]> {
-    let camera_from_car = view.plane.camera_from_world() * pose.world_from_car();
-    let outline = if class == VehicleClass::Car { SALOON } else { BOX };
-    let mut bbox = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
-    for &(half_length, half_width, height) in outline {
-        let z = height.map_or(0.0, |share| CLEARANCE_M + share * (dims_m.z - CLEARANCE_M));
-        for (ahead, left) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
-            let point = Point3::new(ahead * half_length * dims_m.x, left * half_width * dims_m.y, z);
-            let pixel = view.camera.pixel_from_camera(&(camera_from_car * point).coords)?;
-            bbox = [bbox[0].min(pixel.x), bbox[1].min(pixel.y), bbox[2].max(pixel.x), bbox[3].max(pixel.y)];
-        }
-    }
-    Some(bbox)
 }
 
 /// Returns the moments of the mixture of fits; `None` without a finite weight.

@@ -1,0 +1,33 @@
+//! Measures vehicles in one frame with a known camera: by their keypoints, or by their boxes.
+//!
+//! The crate is below the camera and the tracks, and both use it. It is pure mathematics without I/O.
+//!
+//! # Contents
+//! ```text
+//! frame_camera.rs    camera and ground plane of a frame
+//! body.rs            sizes of vehicles by class
+//! outline.rs         the projected outline of a body: its box in the picture
+//! edge.rs            an edge of a box: the body's own, or something hides the body there
+//! hidden.rs          edges at which another vehicle or the border of the picture hides the body
+//! ground_contact.rs  pose and size of a vehicle from its box
+//! cars.rs            pose and shape of a car from its keypoints
+//! fit_check.rs       whether a fit of a car is valid
+//! ```
+
+mod body;
+mod cars;
+mod edge;
+mod fit_check;
+mod frame_camera;
+mod ground_contact;
+mod hidden;
+mod outline;
+
+pub use body::{Body, body_of, car_body};
+pub use cars::{any_car, fit_frame};
+pub use edge::{Edge, EDGE_SD_PX, EDGE_SD_SHARE, OUTLINE_SD, OUTWARD, REACH};
+pub use fit_check::{FitLimits, overlap_inside, projected_box, usable};
+pub use frame_camera::FrameCamera;
+pub use ground_contact::{GroundContact, Knowledge, ground_contact};
+pub use hidden::{cut_edges, hidden_edges};
+pub use outline::body_box;
