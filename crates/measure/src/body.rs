@@ -47,7 +47,7 @@ pub fn car_body(atlas: &ShapeAtlas, shape: &Shape) -> Body {
 }
 
 impl Body {
-    /// Returns the size for use with other detections of the vehicle: no sd is below [`AT_BEST_SD_M`].
+    /// Returns the size for use with other detections of the vehicle: no sd is below 0.3 m.
     #[must_use]
     pub fn at_best(self) -> Self {
         let more = self.covariance.diagonal().map(|variance| (AT_BEST_SD_M.powi(2) - variance).max(0.0));

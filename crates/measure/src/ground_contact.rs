@@ -1,6 +1,8 @@
 //! Estimates a vehicle's position from its box alone: the ground position at which a body of its class has the detected
 //! box.
 //!
+//! At the border of the picture, and where another vehicle begins, an edge of the box only limits the body.
+//!
 //! The box alone does not determine heading and length, so bodies of all classes and headings are tried. Each is fitted
 //! by least squares over position and size (x, y, length, width, height; sizes with the prior of their class). The
 //! result has the moments of the mixture of these fits. The weights are Laplace's approximation of each fit's evidence
@@ -11,8 +13,8 @@ use std::f64::consts::PI;
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3, Vector4};
 use roadplane_base::{GroundPose, VehicleClass, fold_axis};
 
-use crate::edge::{EDGE_SD_PX, EDGE_SD_SHARE, OUTLINE_SD, OUTWARD, REACH};
-use crate::{Body, Edge, FrameCamera, body_box, body_of, cut_edges};
+use crate::edge::{EDGE_SD_PX, EDGE_SD_SHARE, OUTLINE_SD, OUTWARD};
+use crate::{Body, FrameCamera, body_box, body_of, cut_edges};
 
 /// Number of headings that are tried in half a turn.
 const HEADINGS: usize = 8;
@@ -69,8 +71,8 @@ pub struct GroundContact {
 
 /// Estimates a vehicle's pose and size from its box.
 ///
-/// `picture_px` is the picture as a box. `hidden` marks the edges at which another vehicle hides this one: left, top, right, bottom. They hardly show where
-/// this vehicle ends.
+/// `picture_px` is the picture as a box. `hidden` marks the edges (left, top, right, bottom) at which another vehicle hides
+/// this one. They only limit the vehicle: it does not end before them.
 ///
 /// `None` where the box's lower edge lies above the horizon. `None` also where that edge is cut off and only a label is
 /// known.
@@ -83,8 +85,8 @@ pub fn ground_contact(
     knowledge: &Knowledge,
 ) -> Option<GroundContact> {
     let cut = cut_edges(bbox_px, picture_px);
-    let is_known = matches!(knowledge, Knowledge::Track { .. });
-    if (cut[0] && cut[2]) || (cut[3] && (cut[1] || !is_known)) {
+    let is_tracked = matches!(knowledge, Knowledge::Track { .. });
+    if (cut[0] && cut[2]) || (cut[3] && (cut[1] || !is_tracked)) {
         return None;
     }
     let bodies: Vec<(Body, f64, f64)> = match knowledge {
@@ -100,36 +102,18 @@ pub fn ground_contact(
             [-1.5, 0.0, 1.5].map(|s| (*body, heading_rad + s * sd_rad, share(s))).to_vec()
         }
     };
-    // Where another vehicle begins, it hides the body, or it is behind the body.
-    let by_vehicle = Edge::hidden(false, true);
-    let cases: &[(f64, [bool; 4])] =
-        if hidden.contains(&true) { &[(1.0 - by_vehicle, cut), (by_vehicle, either(cut, hidden))] } else { &[(1.0, cut)] };
-    let mut fits: Vec<Fit> = Vec::new();
-    for (p, goes_on) in cases {
-        let edges = &edges(bbox_px, *goes_on);
-        let seen = |(body, heading, share): &(Body, f64, f64)| {
-            Seen { bbox_px, edges, view, body: *body, heading: *heading }.fit(share * p)
-        };
-        fits.extend(bodies.iter().filter_map(seen));
-    }
+    // Beyond the border of the picture, and behind another vehicle, the body continues by an unknown length.
+    let goes_on = either(cut, hidden);
+    let fits: Vec<Fit> = bodies
+        .into_iter()
+        .filter_map(|(body, heading, share)| Seen { bbox_px, goes_on, view, body, heading }.fit(share))
+        .collect();
     mixture(&fits)
 }
 
 /// Returns the edges that are in one set, in the other, or in both.
 fn either(a: [bool; 4], b: [bool; 4]) -> [bool; 4] {
     std::array::from_fn(|i| a[i] || b[i])
-}
-
-/// Returns the left, top, right and bottom edge of a single box. The body certainly continues beyond the edges `goes_on`.
-fn edges(bbox_px: &[f64; 4], goes_on: [bool; 4]) -> [Edge; 4] {
-    let side_px = (bbox_px[2] - bbox_px[0]).min(bbox_px[3] - bbox_px[1]);
-    std::array::from_fn(|i| Edge {
-        seen_px: bbox_px[i],
-        sd_px: EDGE_SD_PX + EDGE_SD_SHARE.hypot(OUTLINE_SD) * side_px,
-        hidden: Edge::hidden(goes_on[i], false),
-        reach_px: REACH * side_px,
-        looks: 1.0,
-    })
 }
 
 /// Position and size of a vehicle: x, y, length, width, height, m.
@@ -161,8 +145,8 @@ struct Linear {
 struct Seen<'a> {
     /// The box: left, top, right, bottom, px.
     bbox_px: &'a [f64; 4],
-    /// Its left, top, right and bottom edge.
-    edges: &'a [Edge; 4],
+    /// Whether the body continues beyond the left, top, right and bottom edge.
+    goes_on: [bool; 4],
     /// Camera and ground plane.
     view: &'a FrameCamera,
     /// Prior of the body's size.
@@ -206,10 +190,11 @@ impl Seen<'_> {
 
     /// Linearises the negative log posterior at a position and size.
     fn linear(&self, place: &Place, precision: &Matrix3<f64>) -> Option<Linear> {
+        let [x0, y0, x1, y1] = *self.bbox_px;
+        let sd_px = EDGE_SD_PX + EDGE_SD_SHARE.hypot(OUTLINE_SD) * (x1 - x0).min(y1 - y0);
         let inside = |place: &Place| {
             let at = self.projected(place)?;
-            let of = |i: usize| OUTWARD[i] * (at[i] - self.edges[i].seen_px) / self.edges[i].sd_px;
-            Some(Vector4::from_fn(|i, _| of(i)))
+            Some(Vector4::from_fn(|i, _| OUTWARD[i] * (at[i] - self.bbox_px[i]) / sd_px))
         };
         let here = inside(place)?;
         let mut derivatives = SMatrix::<f64, 4, 5>::zeros();
@@ -221,11 +206,11 @@ impl Seen<'_> {
         let mut information = SMatrix::<f64, 5, 5>::zeros();
         let mut gradient = Place::zeros();
         let mut cost = 0.0;
-        for (edge, (row, by)) in self.edges.iter().zip(derivatives.row_iter().zip(&here)) {
-            let (own_cost, weight) = edge.cost_and_weight(*by);
-            cost += own_cost;
-            information += row.transpose() * row * weight;
-            gradient += row.transpose() * (weight * by);
+        for edge in (0..4).filter(|edge| !(self.goes_on[*edge] && here[*edge] > 0.0)) {
+            let row = derivatives.row(edge);
+            information += row.transpose() * row;
+            gradient += row.transpose() * here[edge];
+            cost += 0.5 * here[edge] * here[edge];
         }
         let off = place.fixed_rows::<3>(2) - self.body.dims_m;
         let mut sizes = information.fixed_view_mut::<3, 3>(2, 2);
@@ -306,7 +291,7 @@ mod tests {
     }
 
     #[test]
-    fn a_body_is_found_where_it_stands_within_what_is_claimed() {
+    fn a_body_is_at_its_position_within_its_covariance() {
         for (class, label) in [
             (VehicleClass::Truck, VehicleClass::Truck),
             (VehicleClass::Bus, VehicleClass::Bus),
@@ -328,7 +313,7 @@ mod tests {
     }
 
     #[test]
-    fn a_known_body_is_found_sharply() {
+    fn a_tracked_body_has_a_precise_position() {
         let pose = GroundPose { x_m: -4.0, y_m: 35.0, heading_rad: 1.2 };
         let body = Body { covariance: Matrix3::identity() * 0.04, ..body_of(VehicleClass::Bus) };
         let bbox = body_box(&view(), &pose, body.class, &body.dims_m).unwrap();
@@ -339,7 +324,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hidden_lower_edge_is_not_where_the_vehicle_stands() {
+    fn a_hidden_lower_edge_is_not_on_the_ground() {
         let pose = GroundPose { x_m: 2.0, y_m: 40.0, heading_rad: 1.4 };
         let body = body_of(VehicleClass::Car);
         let [x0, y0, x1, y1] = body_box(&view(), &pose, body.class, &body.dims_m).unwrap();
@@ -356,7 +341,7 @@ mod tests {
     }
 
     #[test]
-    fn a_known_body_goes_on_below_the_picture() {
+    fn a_tracked_body_continues_below_the_picture() {
         let pose = GroundPose { x_m: -3.0, y_m: 14.0, heading_rad: 1.4 };
         let body = body_of(VehicleClass::Truck);
         let whole = body_box(&view(), &pose, body.class, &body.dims_m).unwrap();

@@ -39,7 +39,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_stands_before_a_box_hides_its_edges() {
+    fn a_nearer_object_hides_edges() {
         let car = [100.0, 100.0, 180.0, 140.0];
         let edges = |other: [f64; 4]| hidden_edges(&car, [other].iter());
         // The cases are: a bus before its lower half, one before its left side, one behind it, one far away, one just

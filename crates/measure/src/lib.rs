@@ -25,7 +25,7 @@ mod outline;
 
 pub use body::{Body, body_of, car_body};
 pub use cars::{any_car, fit_frame};
-pub use edge::{Edge, EDGE_SD_PX, EDGE_SD_SHARE, OUTLINE_SD, OUTWARD, REACH};
+pub use edge::{EDGE_SD_PX, EDGE_SD_SHARE, Edge, OUTLINE_SD, OUTWARD, REACH};
 pub use fit_check::{FitLimits, overlap_inside, projected_box, usable};
 pub use frame_camera::FrameCamera;
 pub use ground_contact::{GroundContact, Knowledge, ground_contact};

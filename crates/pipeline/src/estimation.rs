@@ -8,7 +8,7 @@ use roadplane_base::{CameraEstimate, CameraStatus, CarRef, PoseRecord, Shape, Sh
 use roadplane_calibrate::{OneCamera, Places, PlacesBuilder};
 use roadplane_geo::{NotPlaced, Place, Site};
 use roadplane_measure::any_car;
-use roadplane_track::{Evidence, Track};
+use roadplane_track::{Evidence, Join, Track};
 use roadplane_write::{FrameReader, PoseLines, RunStatus, read_jsonl, read_scene_curves};
 
 use crate::cameras::camera_track::CameraTrack;
@@ -36,6 +36,8 @@ pub struct ClipSolution {
     pub shapes: BTreeMap<u64, Shape>,
     /// All that shows whether a track is a vehicle, by the number of the track.
     pub evidence: BTreeMap<u64, Evidence>,
+    /// Joins of each track over gaps, by the number of the track.
+    pub joins: BTreeMap<u64, Vec<Join>>,
     /// Rows of the track files that are kept for drawing, sorted by frame and then by track.
     pub rows: Vec<TrackRow>,
     /// Number of rows in the track files, including rows that are not in `rows`.
@@ -240,7 +242,7 @@ pub(crate) fn solve_constrained_clip(
     let spool = poses.with_extension("spool");
     let mut poses = Poses { lines: PoseLines::create(poses)?, reprojection_rms_px: Vec::new(), used: 0 };
     let (mut tally, mut numbers) = (Tally::default(), Numbers::default());
-    let (mut shapes, mut evidence) = (BTreeMap::new(), BTreeMap::new());
+    let (mut shapes, mut evidence, mut joins) = (BTreeMap::new(), BTreeMap::new(), BTreeMap::new());
     let (mut motion, mut row_count) = (Views::default(), 0);
     for chunk in load.chunks(most_rows) {
         // The first pass estimates the shape of a car in each frame separately. In the second pass, the car has the
@@ -265,6 +267,7 @@ pub(crate) fn solve_constrained_clip(
         poses.add(&spool, &tracks)?;
         shapes.extend(tracks.iter().map(|track| (track.id, track.shape.mean)));
         evidence.extend(tracks.iter().map(|track| (track.id, track.evidence)));
+        joins.extend(tracks.iter().map(|track| (track.id, track.joins.clone())));
         let mut rows = Vec::with_capacity(tracks.iter().map(|track| track.states.len()).sum());
         for track in tracks {
             rows.extend(pass.rows(&track, &views));
@@ -283,6 +286,7 @@ pub(crate) fn solve_constrained_clip(
         has_refused_points,
         shapes,
         evidence,
+        joins,
         rows: Vec::new(),
         row_count,
         reprojection_rms_px,

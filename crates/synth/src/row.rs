@@ -32,6 +32,7 @@ pub fn stationary_row(track: u64, frame: u64, time_s: f64) -> TrackRow {
         x_own_sd_m: None,
         y_own_sd_m: None,
         exists_p: None,
+        same_vehicle_p: None,
         on_map: None,
     }
 }

@@ -15,8 +15,12 @@ use nalgebra::{Matrix2, Vector2, Vector3};
 use roadplane_base::{Shape, VehicleClass, bbox_centre, bbox_iou, bbox_share_inside};
 
 use crate::{
-    BoxSighting, ExpectedVehicle, Placed, Scene, box_motion::BoxMotion, complete::Frames,
-    expected::SURE_OVERLAP, extend::BoxesByFrame, measurement::Sighting, raw_track::RawTrack,
+    BoxSighting, ExpectedVehicle, Placed, Scene,
+    box_motion::BoxMotion,
+    expected::SURE_OVERLAP,
+    frames::{BoxesByFrame, Frames},
+    measurement::Sighting,
+    raw_track::RawTrack,
 };
 
 /// Time without a box after which a chain ends, s.

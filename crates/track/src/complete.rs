@@ -3,24 +3,21 @@
 use std::collections::BTreeSet;
 
 use nalgebra::Vector3;
-use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass, angle_difference};
+use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass};
 
 use crate::{
-    BoxSighting, Evidence, ExpectedVehicle, Placed, Track, TrackOptions, TrackState,
+    BoxSighting, Evidence, ExpectedVehicle, Join, Placed, Track, TrackOptions, TrackState,
     begin::begin,
     by_boxes::Body,
     duplicates::{merge_duplicates, merge_smoothed},
-    extend::{BoxesByFrame, extend},
+    extend::extend,
+    frames::{BoxesByFrame, Frames},
     link::link,
-    looks::Looks,
-    measurement::Size,
-    raw_track::RawTrack,
+    measurement::{Sighting, Size},
+    raw_track::{Link, RawTrack},
     smooth::smooth_track,
     smooth_boxes::smooth_by_boxes,
 };
-
-/// Centripetal acceleration that no driver demands of a car, m/s².
-const MAX_SIDEWAYS: f64 = 7.0;
 
 /// Longest gap that is bridged between tracks that weak boxes lengthened, s. Far away, their positions are too
 /// uncertain for longer gaps.
@@ -63,35 +60,6 @@ impl Scene for () {
     }
 }
 
-/// The frames that a tracker was given, in the order of time.
-#[derive(Default)]
-pub(crate) struct Frames {
-    /// Index and time of each frame.
-    pub stamps: Vec<FrameStamp>,
-    /// Time of each frame since the first, s. So the clock at the start of a clip cannot change any digit.
-    pub times_s: Vec<f64>,
-    /// Whether each frame is an inference frame.
-    pub looked: Vec<bool>,
-}
-
-impl Frames {
-    /// Adds a frame. Returns its index and its time since the first frame, s.
-    pub(crate) fn push(&mut self, stamp: FrameStamp, looked: bool) -> (usize, f64) {
-        self.stamps.push(stamp);
-        let since_first = stamp.pts_nanos.saturating_sub(self.stamps[0].pts_nanos);
-        let time_s = since_first as f64 * 1e-9;
-        self.times_s.push(time_s);
-        self.looked.push(looked);
-        (self.stamps.len() - 1, time_s)
-    }
-
-    /// Returns the number of inference frames that are far enough apart in time.
-    fn looks(&self) -> usize {
-        let looked = self.times_s.iter().zip(&self.looked).filter(|(_, looked)| **looked);
-        Looks::of(looked.map(|(time_s, _)| *time_s)).count
-    }
-}
-
 /// The result of a tracker.
 #[derive(Clone, Debug, Default)]
 pub struct Tracks {
@@ -114,7 +82,7 @@ pub(crate) fn complete(
     let least = options.min_observed.min(frames.looks().div_ceil(2));
     let mut completion = Completion { frames, options, scene, least, left_out: Vec::new() };
     let linked = completion.linked(completion.merged(tracklets), options.max_hidden_s);
-    let raw = completion.merged(linked).into_iter().filter(|raw| raw.observations.len() >= least);
+    let raw = linked.into_iter().filter(|raw| raw.observations.len() >= least);
     let (mut whole, others): (Vec<_>, Vec<_>) = (completion.smoothed(raw.collect()).into_iter())
         .partition(|(raw, states)| completion.exists(raw, states));
     if !free.is_empty() {
@@ -122,11 +90,7 @@ pub(crate) fn complete(
         leave_out(&mut free, others.iter().chain(&whole).map(|(raw, _)| raw));
         let mut raw: Vec<RawTrack> = whole.into_iter().map(|(raw, _)| raw).collect();
         if steps.extend {
-            for (lengthened, sure) in extend(&mut raw, &mut free, frames, options, scene) {
-                if steps.drivable {
-                    keep_drivable(&mut raw[lengthened], sure, |track| completion.smooth(track));
-                }
-            }
+            extend(&mut raw, &mut free, frames, options, scene);
         }
         if steps.begin {
             let mut begun = begin(&free, &raw, frames, scene);
@@ -228,11 +192,24 @@ impl<S: Scene> Completion<'_, S> {
         exists
     }
 
+    /// Returns the joins of a track over gaps. Tracklets that overlap, or that other detections connect, leave no gap.
+    fn joins(&self, raw: &RawTrack) -> Vec<Join> {
+        let stamp = |seen: &Sighting| self.frames.stamps[seen.frame];
+        let join = |link: &Link| {
+            let to = raw.observations.partition_point(|seen| seen.frame < link.frame);
+            let (from, to) = raw.observations.get(to.checked_sub(1)?).zip(raw.observations.get(to))?;
+            let is_gap = to.time_s - from.time_s > self.options.max_coast_s;
+            is_gap.then(|| Join { from: stamp(from), to: stamp(to), log_odds: link.log_odds })
+        };
+        raw.links.iter().filter_map(join).collect()
+    }
+
     /// Returns the finished track. Where only boxes show the vehicle, they give its path and its size together.
     fn finished(&self, raw: &RawTrack, states: Vec<TrackState>) -> Option<Track> {
         let evidence = self.evidence(raw, &states)?;
         let (class, dims_m, shape) = (raw.class(), raw.dims_m(), raw.shape.fused());
-        let track = Track { id: 0, class, dims_m, dims_covariance: None, states, shape, evidence };
+        let joins = self.joins(raw);
+        let track = Track { id: 0, class, dims_m, dims_covariance: None, states, shape, evidence, joins };
         let size = self.scene.size(class, &shape.mean).filter(|_| self.options.steps.by_boxes);
         let by_boxes = size.and_then(|size| {
             let body = Body { class, known: size, start_m: dims_m.unwrap_or(size.dims_m) };
@@ -251,16 +228,6 @@ impl<S: Scene> Completion<'_, S> {
     }
 }
 
-/// Removes the parts of a lengthened track that no vehicle can drive, outside the frames `sure`. Weak boxes are
-/// everywhere in a crowd and may mislead.
-fn keep_drivable(track: &mut RawTrack, sure: [usize; 2], smooth: impl Fn(&RawTrack) -> Vec<TrackState>) {
-    while let Some(first) = track.observations.first()
-        && let Some([from, to]) = drivable(&smooth(track), first.frame, sure)
-    {
-        track.observations.retain(|o| (from..=to).contains(&o.frame));
-    }
-}
-
 /// Removes the boxes that tracks have already.
 fn leave_out<'a>(free: &mut BoxesByFrame, tracks: impl Iterator<Item = &'a RawTrack>) {
     let seen = tracks.flat_map(|track| &track.observations);
@@ -268,26 +235,4 @@ fn leave_out<'a>(free: &mut BoxesByFrame, tracks: impl Iterator<Item = &'a RawTr
     for (frame, boxes) in free {
         boxes.retain(|seen| seen.car.is_none_or(|car| !owned.contains(&(*frame, car))));
     }
-}
-
-/// Returns the frames between which the motion is drivable, if it is not drivable everywhere outside the frames `sure`.
-/// `first` is the frame of the first state, and each frame has one state.
-fn drivable(states: &[TrackState], first: usize, sure: [usize; 2]) -> Option<[usize; 2]> {
-    let whole = [first, first + states.len().saturating_sub(1)];
-    let mut kept = whole;
-    for (i, pair) in states.windows(2).enumerate() {
-        let seconds = pair[1].stamp.time_s() - pair[0].stamp.time_s();
-        let turned = angle_difference(pair[1].pose.heading_rad, pair[0].pose.heading_rad).abs();
-        let sideways = turned * (pair[0].speed_mps + pair[1].speed_mps).abs() / 2.0;
-        if sideways <= MAX_SIDEWAYS * seconds {
-            continue;
-        }
-        let [before, after] = [first + i, first + i + 1];
-        if after <= sure[0] {
-            kept[0] = kept[0].max(after);
-        } else if before >= sure[1] {
-            kept[1] = kept[1].min(before);
-        }
-    }
-    (kept != whole).then_some(kept)
 }

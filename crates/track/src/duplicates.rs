@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use crate::{
     TrackState,
     measurement::Sighting,
-    raw_track::{RawTrack, in_one_place, same_car},
+    raw_track::{Link, RawTrack, in_one_place, same_car},
 };
 
 /// Least number of detections of the weaker track that must coincide with the stronger track's.
@@ -99,6 +99,10 @@ fn at<'a>(track: &'a RawTrack, other: &Sighting) -> Option<&'a Sighting> {
 fn fill(strong: &mut RawTrack, weak: RawTrack) {
     let ends = strong.observations.first().zip(strong.observations.last()).map(|(a, b)| [a.frame, b.frame]);
     let before_or_after = |o: &Sighting| ends.is_some_and(|[first, last]| o.frame < first || o.frame > last);
+    let is_outside =
+        |link: &&Link| ends.is_some_and(|[first, last]| link.frame <= first || link.frame > last);
+    strong.links.extend(weak.links.iter().filter(is_outside));
+    strong.links.sort_by_key(|link| link.frame);
     for observation in weak.observations {
         if let Err(place) = strong.observations.binary_search_by_key(&observation.frame, |o| o.frame)
             && (before_or_after(&observation)

@@ -6,16 +6,14 @@
 //! `scripts/train/tracks` fits the model by maximum likelihood. `models/tracks.json` has the weights, and
 //! `models/tracks.md` the data, the method and the reliability.
 
-use std::sync::LazyLock;
-
 use nalgebra::SVector;
 use roadplane_base::{VehicleClass, bbox_iou};
-use serde::Deserialize;
 
-use crate::{TrackState, measurement::Sighting};
-
-/// Number of features of the model.
-pub const FEATURES: usize = 7;
+use crate::{
+    TrackState,
+    measurement::Sighting,
+    numbers::{FEATURES, NUMBERS, sigmoid},
+};
 
 /// Longest time between two detections between which motion counts as observed, s.
 const OBSERVED_S: f64 = 1.0;
@@ -23,22 +21,10 @@ const OBSERVED_S: f64 = 1.0;
 const MOVED_M: f64 = 3.0;
 /// Median distance (rms) of a car's keypoints from their projections, as a share of the box's longer side: rendered clips.
 const USUAL_RMS_SHARE: f64 = 0.018;
+/// Largest such distance of a valid fit (`solve.max_rms_share`). Worse fits are all alike.
+const MOST_RMS_SHARE: f64 = 0.07;
 /// Largest distance below the height of a car that counts, m.
 const MOST_LOW_M: f64 = 0.75;
-
-/// The weights of the model.
-#[derive(Deserialize)]
-struct Weights {
-    /// One weight for each feature, in the order of [`Evidence::features`].
-    existence: Vec<f64>,
-}
-
-/// The weights of `models/tracks.json`.
-static WEIGHTS: LazyLock<SVector<f64, FEATURES>> = LazyLock::new(|| {
-    let weights: Option<Weights> = serde_json::from_str(include_str!("../../../models/tracks.json")).ok();
-    let weights = weights.map(|weights| weights.existence).filter(|weights| weights.len() == FEATURES);
-    weights.map_or_else(SVector::zeros, SVector::from_vec)
-});
 
 /// All that is known of a track that shows whether it is a vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,7 +60,7 @@ impl Evidence {
         let odds: Vec<f64> = measured.iter().map(|o| log_odds(o.score)).collect();
         let log_rms: Vec<f64> = measured
             .iter()
-            .filter_map(|o| Some((o.fit_rms_share?.clamp(1e-3, 1.0) / USUAL_RMS_SHARE).ln()))
+            .filter_map(|o| Some((o.fit_rms_share?.clamp(1e-3, MOST_RMS_SHARE) / USUAL_RMS_SHARE).ln()))
             .collect();
         Some(Self {
             class,
@@ -105,8 +91,7 @@ impl Evidence {
     /// Returns the probability that the track is a vehicle, 0–1.
     #[must_use]
     pub fn probability(&self) -> f64 {
-        let odds = SVector::from(self.features()).dot(&WEIGHTS);
-        1.0 / (1.0 + (-odds).exp())
+        sigmoid(SVector::from(self.features()).dot(&NUMBERS.existence))
     }
 }
 
@@ -142,11 +127,6 @@ mod tests {
         log_rms: 0.0,
         above_car_m: 0.0,
     };
-
-    #[test]
-    fn the_file_has_one_weight_for_each_feature() {
-        assert!(WEIGHTS.iter().all(|weight| weight.is_finite() && *weight != 0.0), "{:?}", *WEIGHTS);
-    }
 
     #[test]
     fn each_kind_of_evidence_changes_the_probability_in_its_direction() {

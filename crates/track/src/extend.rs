@@ -8,9 +8,9 @@ use std::collections::{BTreeMap, BTreeSet};
 use roadplane_base::{assign, bbox_iou, wrap_angle};
 
 use crate::{
-    BoxSighting, ExpectedVehicle, Scene, TrackOptions,
-    complete::Frames,
+    ExpectedVehicle, Scene, TrackOptions,
     expected::{ALONE, Expected, SURE_OVERLAP},
+    frames::{BoxesByFrame, Frames},
     measurement::Sighting,
     raw_track::RawTrack,
 };
@@ -32,9 +32,6 @@ const PASSES_S: f64 = 0.5;
 /// Overlap (IoU) above which two boxes are of the same stationary object.
 const STANDS_OVERLAP: f64 = 0.6;
 
-/// Boxes by the index of their frame.
-pub(crate) type BoxesByFrame = BTreeMap<usize, Vec<BoxSighting>>;
-
 /// The extension of one track beyond one of its ends.
 struct Reach {
     /// Index of the track.
@@ -47,25 +44,20 @@ struct Reach {
     found: Vec<Sighting>,
 }
 
-/// Extends tracks at both ends, and removes their boxes from `free`. A box goes to one track at most. Returns, for each
-/// extended track, the frames of the first and the last detection that it had before.
+/// Extends tracks at both ends, and removes their boxes from `free`. A box goes to one track at most.
 pub(crate) fn extend(
     tracks: &mut [RawTrack],
     free: &mut BoxesByFrame,
     frames: &Frames,
     options: &TrackOptions,
     scene: &impl Scene,
-) -> BTreeMap<usize, [usize; 2]> {
-    let mut lengthened = BTreeMap::new();
+) {
     for forwards in [true, false] {
         for Reach { track, mut found, .. } in reach(tracks, forwards, free, frames, options, scene) {
             if found.is_empty() {
                 continue;
             }
             let all = &mut tracks[track].observations;
-            if let (Some(first), Some(last)) = (all.first(), all.last()) {
-                lengthened.entry(track).or_insert([first.frame, last.frame]);
-            }
             if forwards {
                 all.append(&mut found);
             } else {
@@ -75,7 +67,6 @@ pub(crate) fn extend(
             }
         }
     }
-    lengthened
 }
 
 /// Searches for the boxes of all tracks beyond their last detection (`forwards`) or before their first.

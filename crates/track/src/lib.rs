@@ -9,7 +9,7 @@
 //!   → Tracker           tracklets: certain associations only, frame by frame  (expected.rs, filter.rs, tracker.rs,
 //!                                                                              raw_track.rs)
 //!   → merge_duplicates  two cars cannot share space                           (duplicates.rs)
-//!   → link              all continuations of tracklets, chosen jointly        (link.rs)
+//!   → link              all continuations of tracklets, chosen jointly        (link.rs, join.rs)
 //!   → find_runs         stationary intervals and driving intervals            (stops.rs)
 //!   → smooth_track      one pose per stationary interval, else a vehicle      (way.rs, start.rs, parked.rs,
 //!                       model                                                  vehicle.rs, chain.rs)
@@ -40,10 +40,13 @@ mod expected;
 mod extend;
 mod facing;
 mod filter;
+mod frames;
+mod join;
 mod link;
 mod looks;
 mod measurement;
 mod noise;
+mod numbers;
 mod options;
 mod parked;
 mod raw_track;
@@ -58,11 +61,13 @@ mod vehicle;
 mod way;
 
 pub use complete::{Scene, Tracks};
-pub use existence::{Evidence, FEATURES};
+pub use existence::Evidence;
+pub use join::Join;
 pub use measurement::{
     BoxSighting, CarMeasurement, ExpectedVehicle, FrameMeasurements, HeldCar, Placed, SeenAgain, ShapeBelief,
     Size, Track, TrackState,
 };
+pub use numbers::{FEATURES, JOIN_FEATURES};
 pub use options::TrackOptions;
 pub use steps::TrackSteps;
 pub use tracker::Tracker;

@@ -25,7 +25,7 @@ use roadplane_base::{assign, bbox_iou, fold_axis, upper_median};
 
 use crate::{
     measurement::Sighting,
-    raw_track::{RawTrack, VOTES, share_space},
+    raw_track::{Link, RawTrack, VOTES, share_space},
 };
 
 /// Duration of the end of a tracklet from which its motion is estimated, s.
@@ -76,12 +76,6 @@ const ENTERS_AT_EDGE: f64 = 1e-2;
 const SMALL_PX: f64 = 28.0;
 /// Log odds in favour of a vehicle that is gone for good, where it can leave the picture.
 const LEAVES: f64 = 2.0;
-/// Length of a displacement above which its direction is clear, m.
-const WAY_M: f64 = 2.5;
-/// Largest angle between a displacement and the vehicle's axis, rad.
-const MAX_OFF_AXIS: f64 = 0.7;
-/// Greatest distance that a vehicle covers backwards, m.
-const MAX_BACKWARDS_M: f64 = 8.0;
 /// Sd of the logarithm of a vehicle's size (box diagonal times distance), seen from one view.
 const SIZE_SD: f64 = 0.15;
 /// Sd of the logarithm of a vehicle's size (box diagonal times distance), seen from different views.
@@ -132,8 +126,9 @@ fn before(track: &RawTrack, later: &RawTrack) -> Option<End> {
     (goes_on && !alone.is_empty() && !together.iter().any(is_apart)).then(|| End::of(track, alone, true))
 }
 
-/// Returns, for each tracklet, the one that continues it. `gains` holds (earlier, later, gain).
-fn choose(count: usize, gains: &[(usize, usize, f64)]) -> Vec<Option<usize>> {
+/// Returns, for each tracklet, the one that continues it, with the log odds of the join. `gains` holds (earlier, later,
+/// gain).
+fn choose(count: usize, gains: &[(usize, usize, f64)]) -> Vec<Option<(usize, f64)>> {
     // Nodes 0 … count − 1 are the ends, and the beginnings follow.
     let mut groups: Vec<usize> = (0..2 * count).collect();
     for &(i, j, _) in gains {
@@ -158,10 +153,25 @@ fn choose(count: usize, gains: &[(usize, usize, f64)]) -> Vec<Option<usize>> {
             pair.map_or(f64::INFINITY, |(_, _, gain)| -gain)
         };
         for (row, column) in assign(rows.len(), columns.len(), 0.0, cost).into_iter().enumerate() {
-            next[rows[row]] = column.map(|c| columns[c]);
+            next[rows[row]] = column.map(|c| (columns[c], log_odds(rows[row], columns[c], pairs)));
         }
     }
     next
+}
+
+/// Returns the log odds that tracklet `later` continues tracklet `earlier` (`join.rs`). `pairs` has all pairs of their
+/// group.
+fn log_odds(earlier: usize, later: usize, pairs: &[(usize, usize, f64)]) -> f64 {
+    let (mut own, mut others) = (f64::NEG_INFINITY, vec![0.0]);
+    for &(i, j, gain) in pairs {
+        match (i == earlier, j == later) {
+            (true, true) => own = gain,
+            (true, false) | (false, true) => others.push(gain),
+            (false, false) => {}
+        }
+    }
+    let most = others.iter().copied().fold(0.0, f64::max);
+    own - most - others.iter().map(|gain| (gain - most).exp()).sum::<f64>().ln()
 }
 
 /// Returns the representative of a node's group (union-find), and shortens the path to it.
@@ -174,18 +184,19 @@ fn root(groups: &mut [usize], mut of: usize) -> usize {
 }
 
 /// Joins each chain of continuations into one track.
-fn chains(tracklets: Vec<RawTrack>, next: &[Option<usize>]) -> Vec<RawTrack> {
+fn chains(tracklets: Vec<RawTrack>, next: &[Option<(usize, f64)>]) -> Vec<RawTrack> {
     let mut begins = vec![true; tracklets.len()];
-    next.iter().flatten().for_each(|&j| begins[j] = false);
+    next.iter().flatten().for_each(|&(j, _)| begins[j] = false);
     let mut left: Vec<Option<RawTrack>> = tracklets.into_iter().map(Some).collect();
     let mut joined = Vec::new();
     for first in (0..left.len()).filter(|&i| begins[i]) {
         let Some(mut track) = left[first].take() else { continue };
         let mut at = first;
-        while let Some(then) = next[at] {
+        while let Some((then, log_odds)) = next[at] {
             let Some(later) = left[then].take() else { break };
             let begins = later.observations.first().map_or(usize::MAX, |first| first.frame);
             track.observations.retain(|o| o.frame < begins);
+            track.links.push(Link { frame: begins, log_odds });
             track.append(later);
             at = then;
         }
@@ -204,8 +215,6 @@ struct End {
     covariance: Matrix4<f64>,
     /// Heading modulo π, rad.
     axis: f64,
-    /// Variance of the axis, rad².
-    axis_variance: f64,
     /// Probability that the vehicle is stationary, 0–1.
     stands: f64,
     /// Density of its velocity among stationary vehicles, (m/s)⁻².
@@ -233,11 +242,10 @@ impl End {
             all.iter().take(END_SIGHTINGS).filter(near).collect()
         };
         let (state, covariance) = motion(&part, edge.time_s);
-        let (mut axis, mut weights) = (Vector2::zeros(), 0.0);
+        let mut axis = Vector2::zeros();
         for o in &part {
             let weight = 1.0 / (o.covariance[(2, 2)] + 1e-3);
             axis += Vector2::new((2.0 * o.pose.z).cos(), (2.0 * o.pose.z).sin()) * weight;
-            weights += weight;
         }
         let velocity = state.fixed_rows::<2>(2).into_owned();
         let spread = covariance.fixed_view::<2, 2>(2, 2).into_owned();
@@ -255,7 +263,6 @@ impl End {
             state,
             covariance,
             axis: axis.y.atan2(axis.x) / 2.0,
-            axis_variance: (part.len() as f64 / weights.max(1e-9)).min(1.0),
             stands: if edge.held { 1.0 } else { standing / (standing + driving).max(1e-300) },
             standing,
             driving,
@@ -317,9 +324,6 @@ fn density(x: &Vector2<f64>, covariance: &Matrix2<f64>) -> f64 {
 /// Returns the log likelihood ratio of one vehicle against two, for a gap in s.
 fn gain(end: &End, start: &End, gap_s: f64) -> f64 {
     let way = (start.state - end.state).fixed_rows::<2>(0).into_owned();
-    if !can_drive(end, start, &way, gap_s) {
-        return f64::NEG_INFINITY;
-    }
     let places = end.place_covariance() + start.place_covariance();
     let eye = Matrix2::identity();
     let stood = {
@@ -342,28 +346,6 @@ fn gain(end: &End, start: &End, gap_s: f64) -> f64 {
     let new = appears * (STANDING_SHARE * start.standing + (1.0 - STANDING_SHARE) * start.driving);
     let gone = if end.border { LEAVES } else { 0.0 };
     (same.max(1e-300) / new.max(1e-300)).ln() - gone + class_gain(end, start) + size_gain(end, start)
-}
-
-/// Whether a vehicle can move from one to the other at all, with this displacement (m) in this time (s).
-fn can_drive(end: &End, start: &End, way: &Vector2<f64>, gap_s: f64) -> bool {
-    let sd = (end.place_covariance() + start.place_covariance()).trace().sqrt();
-    let length = way.norm();
-    if length < WAY_M + 2.0 * sd {
-        return true;
-    }
-    let fastest = end.velocity().norm().max(start.velocity().norm()) + 3.0 * gap_s.min(4.0) + 2.0;
-    if length > fastest * gap_s + 2.0 * sd {
-        return false;
-    }
-    let known = end.axis_variance.max(start.axis_variance) < 0.1;
-    let turned = fold_axis(start.axis - end.axis);
-    let axis = end.axis + turned / 2.0;
-    let off = fold_axis(way.y.atan2(way.x) - axis).abs();
-    if known && off > MAX_OFF_AXIS + turned.abs() / 2.0 {
-        return false;
-    }
-    let against = |v: &Vector2<f64>| v.norm() > 2.0 && v.dot(way) < 0.0;
-    length < MAX_BACKWARDS_M || !(against(&end.velocity()) || against(&start.velocity()))
 }
 
 /// Returns the density of position and velocity after a gap (s) in which the vehicle drove on.

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Matrix6, Vector3};
 use roadplane_base::{CarRef, FrameStamp, GroundPose, Shape, VehicleClass};
 
-use crate::Evidence;
+use crate::{Evidence, Join};
 
 /// An estimate of a car's shape: a Gaussian over its shape coefficients.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -290,6 +290,8 @@ pub struct Track {
     pub shape: ShapeBelief,
     /// All that shows whether the track is a vehicle.
     pub evidence: Evidence,
+    /// Joins over gaps, in the order of time.
+    pub joins: Vec<Join>,
 }
 
 /// The state of a track at one frame.

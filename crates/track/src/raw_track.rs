@@ -26,6 +26,17 @@ pub(crate) struct RawTrack {
     votes: BTreeMap<VehicleClass, f64>,
     /// Evidence on the vehicle's size.
     dims: DimsSum,
+    /// Joins of tracklets, in the order of time.
+    pub links: Vec<Link>,
+}
+
+/// A join of two tracklets.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Link {
+    /// Frame of the later tracklet's first detection.
+    pub frame: usize,
+    /// Logarithm of the odds against all alternatives that linking had.
+    pub log_odds: f64,
 }
 
 /// Number of classes that receive votes.
@@ -76,8 +87,8 @@ impl DimsSum {
 impl RawTrack {
     /// Starts a track with its first measurement.
     pub(crate) fn new(car: &CarMeasurement, observation: Sighting, shape: ShapeSum) -> Self {
-        let mut track =
-            Self { observations: Vec::new(), shape, votes: BTreeMap::new(), dims: DimsSum::default() };
+        let (observations, links, votes, dims) = Default::default();
+        let mut track = Self { observations, shape, votes, dims, links };
         track.add(car, observation);
         track
     }
@@ -92,7 +103,7 @@ impl RawTrack {
         let first = observations.first()?;
         let shape = ShapeSum::new(first.pose.xy(), first.pose.z);
         let votes = BTreeMap::from([(class, observations.iter().map(|seen| seen.score).sum())]);
-        Some(Self { observations, shape, votes, dims: DimsSum::of(dims_m) })
+        Some(Self { observations, shape, votes, dims: DimsSum::of(dims_m), links: Vec::new() })
     }
 
     /// Returns the weighted mean of sizes with their sds, m.
@@ -113,6 +124,7 @@ impl RawTrack {
     /// Appends a track that continues this one.
     pub(crate) fn append(&mut self, later: Self) {
         self.observations.extend(later.observations);
+        self.links.extend(later.links);
         self.shape.append(later.shape);
         for (class, votes) in later.votes {
             *self.votes.entry(class).or_default() += votes;
@@ -183,9 +195,7 @@ pub(crate) fn share_space(a: &Sighting, b: &Sighting) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{BoxSighting, Placed};
-    use nalgebra::Matrix3;
-    use roadplane_base::GroundPose;
+    use nalgebra::Vector2;
     use std::f64::consts::{FRAC_PI_2, PI};
 
     #[test]
@@ -211,15 +221,11 @@ mod tests {
     #[test]
     fn what_is_small_is_a_car_whatever_it_is_called() {
         let class = |called, dims_m: [f64; 3]| {
-            let bbox_px = [100.0, 100.0, 160.0, 140.0];
-            let (cut, hidden) = ([false; 4], [false; 4]);
-            let seen =
-                BoxSighting { bbox_px, score: 0.5, class: called, cut, hidden, car: Some(0), held: false };
-            let dims_m = [Vector3::from(dims_m), Vector3::repeat(0.3)];
-            let pose = GroundPose { x_m: 3.0, y_m: 20.0, heading_rad: 0.0 };
-            let placed = Placed { pose, covariance: Matrix3::identity(), dims_m };
-            let sighting = Sighting::by_box(&seen, &placed, 0, 0.0);
-            RawTrack::by_boxes(vec![sighting], called, &[dims_m]).unwrap().class()
+            let mut dims = DimsSum::default();
+            dims.add(&[Vector3::from(dims_m), Vector3::repeat(0.3)]);
+            let shape = ShapeSum::new(Vector2::zeros(), 0.0);
+            let (observations, links) = Default::default();
+            RawTrack { observations, shape, votes: BTreeMap::from([(called, 1.0)]), dims, links }.class()
         };
         use VehicleClass::{Bus, Car, Motorcycle, Truck};
         assert_eq!(class(Motorcycle, [2.0, 0.8, 1.6]), Motorcycle);

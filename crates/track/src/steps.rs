@@ -15,8 +15,6 @@ pub struct TrackSteps {
     pub existence: bool,
     /// Extends tracks by boxes that no track has (`extend.rs`).
     pub extend: bool,
-    /// Removes the parts of an extension that no vehicle can drive (`complete.rs`).
-    pub drivable: bool,
     /// Starts tracks from boxes that no track has (`begin.rs`).
     pub begin: bool,
     /// Estimates path and size together, where only boxes show a vehicle (`smooth_boxes.rs`).
@@ -37,7 +35,6 @@ impl Default for TrackSteps {
             link: true,
             existence: true,
             extend: true,
-            drivable: true,
             begin: true,
             by_boxes: true,
             second_pass: true,

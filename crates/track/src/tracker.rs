@@ -5,9 +5,9 @@ use roadplane_base::{CarRef, assign, bbox_iou};
 
 use crate::{
     CarMeasurement, FrameMeasurements, HeldCar, Scene, SeenAgain, TrackOptions, Tracks,
-    complete::{Frames, complete},
+    complete::complete,
     expected::{ALONE, Expected},
-    extend::BoxesByFrame,
+    frames::{BoxesByFrame, Frames},
     looks::Looks,
     measurement::Sighting,
     raw_track::{RawTrack, same_car},
@@ -31,10 +31,8 @@ struct Live {
     known: bool,
 }
 
-/// Overlap (IoU) with the box of a stationary car above which a box is of that car.
-const SAME_PLACE: f64 = 0.7;
-/// Overlap (IoU) with the box of a car that may move above which a box is of that car.
-const SAME_BOX: f64 = 0.9;
+/// Overlap (IoU) with the last box of a car above which a carried-over box is that of the car.
+const SAME_BOX: f64 = 0.7;
 
 impl Live {
     /// Starts a track with its first measurement. `looks` is the number of inference frames so far.
@@ -57,12 +55,6 @@ impl Live {
     /// Whether it was detected often enough not to be a false alarm.
     fn is_confirmed(&self, options: &TrackOptions) -> bool {
         self.known || !options.steps.confirm || self.raw.observations.len() >= options.confirm_hits
-    }
-
-    /// Whether this is the box (px) of the car, which is stationary or has not moved since its last detection.
-    fn stands_in(&self, bbox_px: &[f64; 4]) -> bool {
-        let least = if self.expected.filter.is_still() { SAME_PLACE } else { SAME_BOX };
-        bbox_iou(self.expected.last_px(), bbox_px) > least
     }
 
     /// Adds a detection that is carried over: the car is in the position of its last measurement.
@@ -153,7 +145,9 @@ impl Tracker {
         for car in &frame.held {
             // A measurement that failed belongs to no track. The car is still the one that is stationary there.
             let by_look = car.look.and_then(|look| self.live.iter().position(|live| live.look == look));
-            let by_place = || self.live.iter().position(|live| live.stands_in(&car.bbox_px));
+            let by_place = || {
+                self.live.iter().position(|live| bbox_iou(live.expected.last_px(), &car.bbox_px) > SAME_BOX)
+            };
             if let Some(l) = by_look.or_else(by_place).filter(|l| !held[*l]) {
                 self.live[l].hold(car, index, time_s);
                 held[l] = true;

@@ -61,6 +61,7 @@ pub fn rounded_row(row: &TrackRow) -> TrackRow {
         x_own_sd_m: row.x_own_sd_m.map(metres),
         y_own_sd_m: row.y_own_sd_m.map(metres),
         exists_p: row.exists_p.map(|p| decimals(p, SCORE)),
+        same_vehicle_p: row.same_vehicle_p.map(|p| decimals(p, SCORE)),
         on_map: row.on_map.as_ref().map(rounded_on_map),
         ..row.clone()
     }
@@ -102,6 +103,7 @@ pub(crate) fn not_finite(row: &TrackRow) -> Option<&'static str> {
         ("x_own_sd_m", row.x_own_sd_m.unwrap_or(0.0)),
         ("y_own_sd_m", row.y_own_sd_m.unwrap_or(0.0)),
         ("exists_p", row.exists_p.unwrap_or(0.0)),
+        ("same_vehicle_p", row.same_vehicle_p.unwrap_or(0.0)),
     ];
     let on_map = row.on_map.iter().flat_map(|at| {
         let degrees =

@@ -31,7 +31,7 @@ const COLUMNS: &str = "
     required binary class (UTF8); required int64 segment;
     required double speed_sd_mps;
     optional double activity_p; optional double x_own_sd_m; optional double y_own_sd_m;
-    optional double exists_p;
+    optional double exists_p; optional double same_vehicle_p;
 ";
 /// Additional columns if the user gave the camera's position on the map.
 const ON_MAP_COLUMNS: &str = "
@@ -171,8 +171,8 @@ fn write_columns(
     column::<ByteArrayType>(group, &classes, None)?;
     column::<Int64Type>(group, &integers(|r| r.segment as u64), None)?;
     column::<DoubleType>(group, &doubles(rows, |r| r.speed_sd_mps), None)?;
-    let optional: [fn(&TrackRow) -> Option<f64>; 4] =
-        [|r| r.activity_p, |r| r.x_own_sd_m, |r| r.y_own_sd_m, |r| r.exists_p];
+    let optional: [fn(&TrackRow) -> Option<f64>; 5] =
+        [|r| r.activity_p, |r| r.x_own_sd_m, |r| r.y_own_sd_m, |r| r.exists_p, |r| r.same_vehicle_p];
     for of in optional {
         let defined: Vec<i16> = rows.iter().map(|r| i16::from(of(r).is_some())).collect();
         let values: Vec<f64> = rows.iter().filter_map(of).collect();

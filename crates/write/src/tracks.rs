@@ -8,7 +8,7 @@ use crate::digits::{BEARING, DEGREES, METRES, PIXELS, RADIANS, SCORE, SECONDS, n
 use crate::{JsonLines, OutFile, TrackParquet, WriteError};
 
 /// Columns of `tracks.csv`.
-const HEADER: [&str; 27] = [
+const HEADER: [&str; 28] = [
     "frame",
     "time_s",
     "track",
@@ -36,6 +36,7 @@ const HEADER: [&str; 27] = [
     "x_own_sd_m",
     "y_own_sd_m",
     "exists_p",
+    "same_vehicle_p",
 ];
 
 /// Additional columns of `tracks.csv` if the user gave the camera's position on the map.
@@ -102,6 +103,7 @@ impl TrackCsv {
             row.x_own_sd_m.map(metres).unwrap_or_default(),
             row.y_own_sd_m.map(metres).unwrap_or_default(),
             row.exists_p.map(|p| fixed(p, SCORE)).unwrap_or_default(),
+            row.same_vehicle_p.map(|p| fixed(p, SCORE)).unwrap_or_default(),
         ];
         let on_map = row.on_map.map(|at| {
             [

@@ -25,6 +25,7 @@ fn row(frame: u64, track: u64) -> TrackRow {
         x_own_sd_m: (track == 2).then_some(0.012_34),
         y_own_sd_m: (track == 2).then_some(0.05),
         exists_p: Some(0.987_65),
+        same_vehicle_p: (track == 2).then_some(0.876_54),
         ..roadplane_synth::stationary_row(track, frame, t)
     }
 }
@@ -110,10 +111,10 @@ fn positions_on_the_map_are_columns() {
     let file = std::fs::File::open(dir.path().join("tracks.parquet")).unwrap();
     let reader = SerializedFileReader::new(file).unwrap();
     let rows: Vec<_> = reader.get_row_iter(None).unwrap().map(Result::unwrap).collect();
-    assert_eq!(rows[0].len(), 32);
-    assert_eq!(rows[0].get_double(27).ok(), Some(411_000.123_5));
-    assert_eq!(rows[0].get_string(26).unwrap(), "33N");
-    assert!(rows[1].get_double(24).is_err(), "null");
+    assert_eq!(rows[0].len(), 33);
+    assert_eq!(rows[0].get_double(28).ok(), Some(411_000.123_5));
+    assert_eq!(rows[0].get_string(27).unwrap(), "33N");
+    assert!(rows[1].get_double(25).is_err(), "null");
 }
 
 #[test]

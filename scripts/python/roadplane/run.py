@@ -72,6 +72,7 @@ class Run:
         - `observed`: False if the vehicle was not detected in this frame and the row was interpolated.
         - `activity`, `activity_p`.
         - `exists_p`: probability that the track is a vehicle.
+        - `same_vehicle_p`: where a track was joined over a gap, the probability that both sides show the same vehicle.
 
         It reads `tracks.parquet` if the file exists, else `tracks.csv`. Columns and types are the same.
 

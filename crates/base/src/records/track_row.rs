@@ -91,6 +91,11 @@ pub struct TrackRow {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0, max = 1))]
     pub exists_p: Option<f64>,
+    /// Probability that the vehicle after a gap is the same as before it, 0 to 1. It is present where the track was joined
+    /// over a time without detections: in the rows of that time, and in the first row after it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[schemars(range(min = 0, max = 1))]
+    pub same_vehicle_p: Option<f64>,
     /// Position on the map, present if the user gave the camera's position. Each of its fields is a column.
     #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
     pub on_map: Option<OnMap>,

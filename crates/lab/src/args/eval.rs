@@ -245,11 +245,14 @@ pub struct EvalTrackerArgs {
     #[arg(long, value_name = "DIR", conflicts_with_all = ["noise", "misses", "false_boxes", "flips", "swaps", "stride", "seed"])]
     pub recorded: Option<PathBuf>,
     /// Track the clips with one step left out at a time, and print only the effect of each step.
-    #[arg(long, conflicts_with = "candidates")]
+    #[arg(long, conflicts_with_all = ["candidates", "joins"])]
     pub layers: bool,
-    /// Write all tracks, with the features that decide whether they are vehicles, into a CSV file.
+    /// Write all tracks into a CSV file: whether each is a vehicle, and the features of `exists_p`.
     #[arg(long, value_name = "FILE")]
     pub candidates: Option<PathBuf>,
+    /// Write all joins over gaps into a CSV file: whether each is right, and the features of `same_vehicle_p`.
+    #[arg(long, value_name = "FILE")]
+    pub joins: Option<PathBuf>,
     /// Standard deviation of keypoints and of boxes' edges, as a share of the box's longer side.
     #[arg(long, default_value_t = 0.02, value_name = "SHARE", value_parser = share)]
     pub noise: f64,

@@ -3,7 +3,7 @@
 //! The simulated errors are those of the detector and the keypoint net under bad conditions. No video is needed. The
 //! frames that a run recorded can take the place of simulated ones.
 
-mod existence;
+mod claims;
 mod layers;
 mod noise;
 
@@ -15,7 +15,7 @@ use roadplane_pipeline::{CameraConstraints, Cancel, Config, PipelineError, Progr
 use roadplane_tables::Report;
 use roadplane_write::OutFile;
 
-use existence::{Candidate, candidates, candidates_csv, reliability_table};
+use claims::{Claim, claims_csv, existence_claims, join_claims, reliability_table};
 use layers::{layers_table, variants};
 pub use noise::Noise;
 
@@ -35,8 +35,10 @@ pub struct TrackerOptions {
     pub recorded: Option<PathBuf>,
     /// Whether the clips are tracked with each step left out, too.
     pub layers: bool,
-    /// CSV file for all tracks, with the features that decide whether they are vehicles.
+    /// CSV file for all tracks, with the features of existence.
     pub candidates: Option<PathBuf>,
+    /// CSV file for all joins over gaps, with the features of their probability.
+    pub joins: Option<PathBuf>,
     /// The simulated errors of boxes and keypoints.
     pub noise: Noise,
     /// Every n-th frame gets simulated boxes and keypoints; this is n.
@@ -67,17 +69,23 @@ pub fn evaluate_tracker(
             let mut config = config.clone();
             config.track.steps = steps;
             let scored = score_clips(&clips, options, &config, cancel, progress)?;
-            scores.push(scored.into_iter().map(|(score, _)| score).collect());
+            scores.push(scored.into_iter().map(|scored| scored.score).collect());
         }
         return Ok(Report { title, tables: vec![layers_table(&scores)], ..Report::default() });
     }
     progress.expect(Some(clips.len() as u64));
     let scored = score_clips(&clips, options, config, cancel, progress)?;
-    let (scores, found): (Vec<TrackScore>, Vec<Vec<Candidate>>) = scored.into_iter().unzip();
-    if let Some(path) = &options.candidates {
-        let of_clips = clips.iter().zip(&found).map(|((name, _), found)| (name.as_str(), found.as_slice()));
+    let (mut scores, mut existence, mut joins) = (Vec::new(), Vec::new(), Vec::new());
+    for scored in scored {
+        scores.push(scored.score);
+        existence.push(scored.existence);
+        joins.push(scored.joins);
+    }
+    for (path, claims) in [(&options.candidates, &existence), (&options.joins, &joins)] {
+        let Some(path) = path else { continue };
+        let of_clips = clips.iter().zip(claims).map(|((name, _), claims)| (name.as_str(), claims.as_slice()));
         let mut file = OutFile::create(path)?;
-        file.write_bytes(candidates_csv(of_clips).as_bytes())?;
+        file.write_bytes(claims_csv(of_clips).as_bytes())?;
         file.finish()?;
     }
     let mut systems: Vec<(&str, &[TrackScore])> =
@@ -97,21 +105,43 @@ pub fn evaluate_tracker(
         position_table("Position", &[("all", &positions)]),
         calibration_table("Position against its sd", &all),
         motion_table("Motion", &all),
-        reliability_table(&found.concat()),
+        reliability_table(
+            "Probability that a track is a vehicle",
+            "tracks",
+            "A track is a vehicle if most of its observed rows show one (IoU from 0.35 on). Only reported tracks count; \
+             track.min_exists_p=0 reports all.",
+            &existence.concat(),
+        ),
+        reliability_table(
+            "Probability that a join over a gap is right",
+            "joins",
+            "A join is right if the rows next to the gap show the same vehicle (IoU from 0.35 on).",
+            &joins.concat(),
+        ),
     ];
     Ok(Report { title, tables, ..Report::default() })
 }
 
-/// Solves and tracks all clips. Returns the score and the tracks of each.
+/// The result of one clip.
+struct Scored {
+    /// Score of the tracks.
+    score: TrackScore,
+    /// Which tracks are vehicles.
+    existence: Vec<Claim>,
+    /// Which joins over gaps are right.
+    joins: Vec<Claim>,
+}
+
+/// Solves, tracks and scores all clips.
 fn score_clips(
     clips: &[(String, Truth)],
     options: &TrackerOptions,
     config: &Config,
     cancel: &Cancel,
     progress: &dyn Progress,
-) -> Result<Vec<(TrackScore, Vec<Candidate>)>, LabError> {
+) -> Result<Vec<Scored>, LabError> {
     let atlas = ShapeAtlas::shipped().map_err(PipelineError::from)?;
-    let score = |(): &mut (), i: usize| -> Result<(TrackScore, Vec<Candidate>), LabError> {
+    let score = |(): &mut (), i: usize| -> Result<Scored, LabError> {
         stopped(cancel)?;
         let (name, truth) = &clips[i];
         let workplace = Workplace::new(None)?;
@@ -127,7 +157,11 @@ fn score_clips(
         };
         progress.frame_done();
         let is_processed = |frame: u64, _: f64| processed.as_ref().is_none_or(|all| all.contains(&frame));
-        Ok((score_tracks(truth, &clip.rows, is_processed), candidates(truth, &clip.rows, &clip.evidence)))
+        Ok(Scored {
+            score: score_tracks(truth, &clip.rows, is_processed),
+            existence: existence_claims(truth, &clip),
+            joins: join_claims(truth, &clip),
+        })
     };
     try_in_parallel(clips.len(), || Ok(()), score)
 }

@@ -8,7 +8,7 @@ use std::path::Path;
 
 use roadplane_base::{FrameRecord, PoseRecord, ShapeAtlas, TrackRow};
 use roadplane_pipeline::{CameraConstraints, Cancel, Config, solve_clip};
-use roadplane_track::Evidence;
+use roadplane_track::{Evidence, Join};
 use roadplane_write::{JsonLines, read_jsonl};
 
 use super::answer::CameraAnswer;
@@ -25,6 +25,8 @@ pub struct FusedClip {
     pub rows: Vec<TrackRow>,
     /// All that shows whether a track is a vehicle, by the number of the track.
     pub evidence: BTreeMap<u64, Evidence>,
+    /// Joins of each track over gaps, by the number of the track.
+    pub joins: BTreeMap<u64, Vec<Join>>,
 }
 
 /// Estimates the camera, the poses and the tracks of a clip from its keypoints.
@@ -77,5 +79,5 @@ pub fn solve_recorded(
         covariance: estimate.covariance,
     });
     let poses = read_jsonl(&poses_path)?.collect::<Result<_, _>>()?;
-    Ok(FusedClip { camera, poses, rows: solution.rows, evidence: solution.evidence })
+    Ok(FusedClip { camera, poses, rows: solution.rows, evidence: solution.evidence, joins: solution.joins })
 }

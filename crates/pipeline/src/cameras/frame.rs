@@ -28,8 +28,12 @@ pub fn estimate_frame(
     let size = frame.image_size_px;
     let curves = frame.scene_curves.as_deref().unwrap_or_default();
     let (lens, known, options) = before_cars(curves, size, known, config);
-    let sets: Vec<KeypointSet> =
-        frame.cars.iter().filter_map(|car| car.keypoints.as_deref()).map(|set| usable(set, config.solve.min_keypoint_score)).collect();
+    let sets: Vec<KeypointSet> = frame
+        .cars
+        .iter()
+        .filter_map(|car| car.keypoints.as_deref())
+        .map(|set| usable(set, config.solve.min_keypoint_score))
+        .collect();
     let solution = solve_scene(atlas, size, &CarView::each(&sets), &options);
     let cars_used = solution.cars.iter().flatten().filter(|car| car.used).count();
     if !known.is_silent() {
@@ -69,7 +73,9 @@ pub fn estimate_frame_as_paper(
     let sets: Vec<KeypointSet> = frame
         .cars
         .iter()
-        .map(|car| car.keypoints.as_deref().map_or(unseen, |set| usable(set, config.solve.min_keypoint_score)))
+        .map(|car| {
+            car.keypoints.as_deref().map_or(unseen, |set| usable(set, config.solve.min_keypoint_score))
+        })
         .collect();
     let solution = solve_free_scene(atlas, size, &CarView::each(&sets), Some(PLANE_TERMS), &options);
     let cars_used = solution.cars.iter().flatten().count();

@@ -138,7 +138,12 @@ pub fn solve_file(
                 }
                 let camera = FrameCamera::from(&estimates[0]).camera;
                 let fit = |car: &CarRecord| {
-                    fit_free_car(&atlas, &camera, &usable(car.keypoints.as_deref()?, config.solve.min_keypoint_score), &poses.scene)
+                    fit_free_car(
+                        &atlas,
+                        &camera,
+                        &usable(car.keypoints.as_deref()?, config.solve.min_keypoint_score),
+                        &poses.scene,
+                    )
                 };
                 let fits: Vec<_> = frame.cars.iter().map(fit).collect();
                 poses.free(&frame, &estimates[0], &fits)?;
@@ -173,7 +178,10 @@ impl Poses<'_> {
     ) -> Result<(), PipelineError> {
         self.check_stop()?;
         let view = FrameCamera::from(estimate);
-        let fits = fit_frame(frame, &view, self.atlas, &self.scene, self.config.solve.min_keypoint_score, |_| (shape, None));
+        let fits =
+            fit_frame(frame, &view, self.atlas, &self.scene, self.config.solve.min_keypoint_score, |_| {
+                (shape, None)
+            });
         for (i, fit) in fits.iter().enumerate() {
             let fitted = fit.as_ref().and_then(|fit| pose_record(frame, i, fit, self.atlas));
             if let Some(pose) = &fitted {

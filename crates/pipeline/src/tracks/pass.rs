@@ -18,7 +18,7 @@ use roadplane_track::{
 use crate::cameras::camera_track::CameraTrack;
 use crate::tracks::known::KnownCar;
 use crate::tracks::poses::{CarriedPoses, pose_record};
-use crate::tracks::scene::Looked;
+use crate::tracks::scene::SiteScene;
 use crate::tracks::stretch::TimeChunk;
 use crate::tracks::views::Views;
 use crate::{Config, PipelineError};
@@ -170,8 +170,14 @@ impl Pass<'_> {
             tracker.push(&FrameMeasurements { stamp, looked, cars, held, seen_again, boxes });
         }
         let mut tracks = Vec::new();
+        let scene = SiteScene {
+            cameras: self.cameras,
+            atlas: self.atlas,
+            mean_car: &self.any_car.mean,
+            views: &views,
+        };
         for tracker in at_position.into_values() {
-            let Tracks { tracks: found, left_out } = tracker.finish(&Looked { pass: self, views: &views });
+            let Tracks { tracks: found, left_out } = tracker.finish(&scene);
             append(&mut tracks, found);
             let own = left_out.iter().filter(|stamp| stretch.holds(stamp.time_s()));
             tally.left_out_tracks += own.count() as u64;

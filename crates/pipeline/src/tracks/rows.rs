@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use roadplane_base::{TrackRow, bbox_share_inside};
 use roadplane_measure::{FrameCamera, body_box, overlap_inside, projected_box};
-use roadplane_track::{Track, TrackState};
+use roadplane_track::{Join, Track, TrackState};
 
 use crate::tracks::pass::Pass;
 use crate::tracks::shared_error::shared_covariance;
@@ -13,6 +13,13 @@ use crate::tracks::views::Views;
 const MIN_ROW_OVERLAP: f64 = 0.3;
 /// Least share of an unobserved vehicle's box inside the picture; with less there is no row.
 const IN_VIEW_SHARE: f64 = 0.15;
+
+/// Returns the probability of the join that a state belongs to: the state is within its gap, or is the first after it.
+fn same_vehicle_p(track: &Track, state: &TrackState) -> Option<f64> {
+    let frame = state.stamp.index;
+    let is_own = |join: &&Join| join.from.index < frame && frame <= join.to.index;
+    track.joins.iter().find(is_own).map(Join::same_vehicle_p)
+}
 
 impl Pass<'_> {
     /// Returns the box of a detection if it agrees with the track's position. Another box belongs to another vehicle.
@@ -80,6 +87,7 @@ impl Pass<'_> {
                 x_own_sd_m: Some(state.pose_sd.x),
                 y_own_sd_m: Some(state.pose_sd.y),
                 exists_p: Some(track.evidence.probability()),
+                same_vehicle_p: same_vehicle_p(track, state),
                 on_map: self.place.and_then(|place| {
                     place.on_map(&state.pose, [state.pose_sd.x, state.pose_sd.y], estimate).ok()
                 }),

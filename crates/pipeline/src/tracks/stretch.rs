@@ -254,6 +254,7 @@ mod tests {
             states: seconds.map(state).collect(),
             shape: ShapeBelief::default(),
             evidence: EVIDENCE,
+            joins: Vec::new(),
         }
     }
 

@@ -24,6 +24,7 @@ pub(super) fn tracks(page: &mut String, rows: &[TrackRow]) {
         "track",
         "class",
         "a vehicle, %",
+        "same vehicle, %",
         "from – to, s",
         "detected",
         "length × width × height, m",
@@ -44,11 +45,12 @@ pub(super) fn tracks(page: &mut String, rows: &[TrackRow]) {
         put(
             page,
             format_args!(
-                "<tr><th>{}{track}</th><td>{}</td><td>{}</td><td>{:.1} – {:.1}</td><td>{:.0} %</td><td>{:.2} × {:.2} × {:.2}</td>\
+                "<tr><th>{}{track}</th><td>{}</td><td>{}</td><td>{}</td><td>{:.1} – {:.1}</td><td>{:.0} %</td><td>{:.2} × {:.2} × {:.2}</td>\
                  <td>{:.1}</td><td>{top:.1}</td><td>{:.0}</td><td>{:.2}, {:.2}</td><td>{:.1}</td><td>{}</td></tr>\n",
                 dot(*track),
                 last.class.name(),
-                last.exists_p.map(|p| format!("{:.0}", 100.0 * p)).unwrap_or_default(),
+                last.exists_p.map(percent).unwrap_or_default(),
+                least_same_vehicle_p(rows).map(percent).unwrap_or_default(),
                 first.time_s,
                 last.time_s,
                 100.0 * detected as f64 / rows.len() as f64,
@@ -65,6 +67,17 @@ pub(super) fn tracks(page: &mut String, rows: &[TrackRow]) {
         );
     }
     page.push_str("</table></div>\n");
+}
+
+/// Returns a probability as a whole percentage.
+fn percent(p: f64) -> String {
+    format!("{:.0}", 100.0 * p)
+}
+
+/// Returns the least probability, over all joins of a track, that both sides of the gap show the same vehicle; `None` for a
+/// track without joins.
+fn least_same_vehicle_p(rows: &[&TrackRow]) -> Option<f64> {
+    rows.iter().filter_map(|row| row.same_vehicle_p).min_by(f64::total_cmp)
 }
 
 /// Returns the length of a track's path, m.

@@ -21,6 +21,7 @@ pub fn tracker(args: &EvalTrackerArgs, cancel: &Cancel) -> anyhow::Result<Outcom
         recorded: args.recorded.clone(),
         layers: args.layers,
         candidates: args.candidates.clone(),
+        joins: args.joins.clone(),
         noise,
         stride: args.stride,
         seed: args.seed,

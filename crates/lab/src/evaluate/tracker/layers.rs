@@ -17,7 +17,6 @@ pub(super) fn variants() -> Vec<(&'static str, TrackSteps)> {
         ("no links over gaps", TrackSteps { link: false, ..all }),
         ("all tracks exist", TrackSteps { existence: false, ..all }),
         ("no extension by free boxes", TrackSteps { extend: false, ..all }),
-        ("extensions not checked", TrackSteps { drivable: false, ..all }),
         ("no tracks from free boxes", TrackSteps { begin: false, ..all }),
         ("path and size not together", TrackSteps { by_boxes: false, ..all }),
         ("no second pass", TrackSteps { second_pass: false, ..all }),

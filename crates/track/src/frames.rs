@@ -1,0 +1,39 @@
+//! The frames of a clip as the tracker stores them.
+
+use std::collections::BTreeMap;
+
+use roadplane_base::FrameStamp;
+
+use crate::{BoxSighting, looks::Looks};
+
+/// Boxes by the index of their frame.
+pub(crate) type BoxesByFrame = BTreeMap<usize, Vec<BoxSighting>>;
+
+/// The frames that a tracker was given, in the order of time.
+#[derive(Default)]
+pub(crate) struct Frames {
+    /// Index and time of each frame.
+    pub stamps: Vec<FrameStamp>,
+    /// Time of each frame since the first, s. So the clock at the start of a clip cannot change any digit.
+    pub times_s: Vec<f64>,
+    /// Whether each frame is an inference frame.
+    pub looked: Vec<bool>,
+}
+
+impl Frames {
+    /// Adds a frame. Returns its index and its time since the first frame, s.
+    pub(crate) fn push(&mut self, stamp: FrameStamp, looked: bool) -> (usize, f64) {
+        self.stamps.push(stamp);
+        let since_first = stamp.pts_nanos.saturating_sub(self.stamps[0].pts_nanos);
+        let time_s = since_first as f64 * 1e-9;
+        self.times_s.push(time_s);
+        self.looked.push(looked);
+        (self.stamps.len() - 1, time_s)
+    }
+
+    /// Returns the number of inference frames that are far enough apart in time.
+    pub(crate) fn looks(&self) -> usize {
+        let looked = self.times_s.iter().zip(&self.looked).filter(|(_, looked)| **looked);
+        Looks::of(looked.map(|(time_s, _)| *time_s)).count
+    }
+}

@@ -1,0 +1,63 @@
+//! The probability that the vehicle before a gap and the vehicle after it are the same.
+//!
+//! Linking compares each join with its alternatives: another tracklet continues the earlier one, the later one continues
+//! another tracklet, or the gap is no gap of one vehicle. With the log likelihood ratios g of `link.rs`, the odds of the
+//! join from tracklet i to tracklet j are
+//!
+//! ```text
+//! o = exp(g_ij) / (1 + Σ_{k ≠ j} exp(g_ik) + Σ_{k ≠ i} exp(g_kj))
+//! ```
+//!
+//! The likelihoods are simple models, so log o is too certain. A logistic model of log o and of the gap's length gives the
+//! probability. `scripts/train/tracks` fits it to rendered clips with truth; `models/tracks.json` has its weights.
+
+use nalgebra::SVector;
+use roadplane_base::FrameStamp;
+
+use crate::numbers::{JOIN_FEATURES, NUMBERS, sigmoid};
+
+/// Largest size of log odds that counts.
+const MOST_ODDS: f64 = 20.0;
+
+/// A join of a track over a gap.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Join {
+    /// Last detection before the gap.
+    pub from: FrameStamp,
+    /// First detection after the gap.
+    pub to: FrameStamp,
+    /// Logarithm of the odds against all alternatives that linking had.
+    pub log_odds: f64,
+}
+
+impl Join {
+    /// Returns the features of the model.
+    #[must_use]
+    pub fn features(&self) -> [f64; JOIN_FEATURES] {
+        let gap_s = (self.to.time_s() - self.from.time_s()).max(0.0);
+        [1.0, self.log_odds.clamp(-MOST_ODDS, MOST_ODDS), gap_s.ln_1p()]
+    }
+
+    /// Returns the probability that both sides of the gap show the same vehicle, 0–1.
+    #[must_use]
+    pub fn same_vehicle_p(&self) -> f64 {
+        sigmoid(SVector::from(self.features()).dot(&NUMBERS.same_vehicle))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Returns a join over a gap of this length.
+    fn join(log_odds: f64, gap_s: f64) -> Join {
+        let stamp = |time_s: f64| FrameStamp { index: 0, pts_nanos: (time_s * 1e9) as i64 };
+        Join { from: stamp(2.0), to: stamp(2.0 + gap_s), log_odds }
+    }
+
+    #[test]
+    fn better_odds_make_a_join_more_probable() {
+        let p = |log_odds: f64| join(log_odds, 2.0).same_vehicle_p();
+        assert!(p(10.0) > p(3.0) && p(3.0) > p(0.5) && p(10.0) > 0.9, "{} {} {}", p(10.0), p(3.0), p(0.5));
+    }
+}
