@@ -3,6 +3,8 @@
 use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{Shape, ShapeAtlas, VehicleClass};
 
+/// Least length, width and height of a body, m.
+pub const LEAST_M: f64 = 1.0;
 /// Least sd of a track's size when the size is used for other detections of the vehicle, m.
 const AT_BEST_SD_M: f64 = 0.3;
 

@@ -25,7 +25,8 @@ pub fn any_car(atlas: &ShapeAtlas, size_of_cars: f64) -> ShapePrior {
 
 /// Fits every car of the frame that has keypoints.
 ///
-/// Keypoints with scores below `min_keypoint_score` do not count. `known(i)` returns the prior of car i: its shape, and its approximate pose if there is one.
+/// Keypoints with scores below `min_keypoint_score` do not count. `known(i)` returns the prior of car i: its shape, and its
+/// approximate pose if there is one.
 pub fn fit_frame(
     frame: &FrameRecord,
     view: &FrameCamera,

@@ -14,7 +14,7 @@ use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3, Vector4};
 use roadplane_base::{GroundPose, VehicleClass, fold_axis};
 
 use crate::edge::{EDGE_SD_PX, EDGE_SD_SHARE, OUTLINE_SD, OUTWARD};
-use crate::{Body, FrameCamera, body_box, body_of, cut_edges};
+use crate::{Body, FrameCamera, LEAST_M, body_box, body_of, cut_edges, either};
 
 /// Number of headings that are tried in half a turn.
 const HEADINGS: usize = 8;
@@ -22,8 +22,6 @@ const HEADINGS: usize = 8;
 const ROUNDS: usize = 8;
 /// Step of numerical derivatives, m.
 const STEP: f64 = 1e-3;
-/// Least length, width and height of a body, m.
-const LEAST_M: f64 = 1.0;
 
 /// Returns the probability of each class in a box of a label. Detectors take cars for trucks more often than the
 /// reverse.
@@ -109,11 +107,6 @@ pub fn ground_contact(
         .filter_map(|(body, heading, share)| Seen { bbox_px, goes_on, view, body, heading }.fit(share))
         .collect();
     mixture(&fits)
-}
-
-/// Returns the edges that are in one set, in the other, or in both.
-fn either(a: [bool; 4], b: [bool; 4]) -> [bool; 4] {
-    std::array::from_fn(|i| a[i] || b[i])
 }
 
 /// Position and size of a vehicle: x, y, length, width, height, m.

@@ -16,6 +16,12 @@ pub fn cut_edges([x0, y0, x1, y1]: &[f64; 4], [left, top, right, bottom]: &[f64;
     [*x0 < left + CUT_PX, *y0 < top + CUT_PX, *x1 > right - CUT_PX, *y1 > bottom - CUT_PX]
 }
 
+/// Returns the edges that are in one set, in the other, or in both.
+#[must_use]
+pub fn either(a: [bool; 4], b: [bool; 4]) -> [bool; 4] {
+    std::array::from_fn(|i| a[i] || b[i])
+}
+
 /// Returns whether the left, top, right and bottom edge lies where a nearer object begins.
 ///
 /// On the ground, an object that reaches lower in the picture is nearer.

@@ -23,11 +23,11 @@ mod ground_contact;
 mod hidden;
 mod outline;
 
-pub use body::{Body, body_of, car_body};
+pub use body::{Body, LEAST_M, body_of, car_body};
 pub use cars::{any_car, fit_frame};
 pub use edge::{EDGE_SD_PX, EDGE_SD_SHARE, Edge, OUTLINE_SD, OUTWARD, REACH};
 pub use fit_check::{FitLimits, overlap_inside, projected_box, usable};
 pub use frame_camera::FrameCamera;
 pub use ground_contact::{GroundContact, Knowledge, ground_contact};
-pub use hidden::{cut_edges, hidden_edges};
+pub use hidden::{cut_edges, either, hidden_edges};
 pub use outline::body_box;

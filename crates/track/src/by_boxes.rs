@@ -10,7 +10,7 @@
 
 use nalgebra::{Matrix5, SMatrix, SVector, Vector3, Vector4, Vector5};
 use roadplane_base::{FrameStamp, GroundPose, VehicleClass, upper_median};
-use roadplane_measure::{EDGE_SD_PX, EDGE_SD_SHARE, Edge, OUTLINE_SD, OUTWARD, REACH};
+use roadplane_measure::{EDGE_SD_PX, EDGE_SD_SHARE, Edge, LEAST_M, OUTLINE_SD, OUTWARD, REACH};
 
 use crate::{
     Scene, TrackOptions,
@@ -33,8 +33,6 @@ const CORRELATION: f64 = 0.5;
 /// Factors on the sd of the edges, one per stage. At first edges count as less certain, so that hidden parts show
 /// before they mislead (graduated non-convexity: Blake and Zisserman 1987).
 const EASED: [f64; 3] = [8.0, 3.0, 1.0];
-/// Least length, width and height of a body, m.
-const LEAST_M: f64 = 1.0;
 /// Step of numerical derivatives, m and rad.
 const STEP: f64 = 1e-3;
 /// Largest number of Levenberg–Marquardt rounds per stage.

@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix3, Matrix6, Vector3};
 use roadplane_base::{CarRef, FrameStamp, GroundPose, Shape, VehicleClass};
+use roadplane_measure::either;
 
 use crate::{Evidence, Join};
 
@@ -144,11 +145,6 @@ impl BoxSighting {
     pub(crate) fn goes_on(&self) -> [bool; 4] {
         either(self.cut, self.hidden)
     }
-}
-
-/// Returns the edges that are in one set, in the other, or in both.
-fn either(a: [bool; 4], b: [bool; 4]) -> [bool; 4] {
-    std::array::from_fn(|i| a[i] || b[i])
 }
 
 /// The size of a vehicle, as a Gaussian.

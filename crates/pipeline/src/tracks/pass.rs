@@ -296,8 +296,7 @@ fn measurement(
 /// Returns the distance (rms) of a car's keypoints from their projections, as a share of its box's longer side; `None` if it
 /// is not finite.
 fn rms_share(fit: &CarFit, record: &CarRecord) -> Option<f64> {
-    let [x0, y0, x1, y1] = record.bbox_px;
-    let share = fit.car.reprojection_rms_px / (x1 - x0).max(y1 - y0);
+    let share = fit.car.reprojection_rms_px / record.longer_side_px();
     share.is_finite().then_some(share)
 }
 
