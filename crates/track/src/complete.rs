@@ -83,25 +83,27 @@ pub(crate) fn complete(
     let mut completion = Completion { frames, options, scene, least, left_out: Vec::new() };
     let linked = completion.linked(completion.merged(tracklets), options.max_hidden_s);
     let raw = linked.into_iter().filter(|raw| raw.observations.len() >= least);
-    let (mut whole, others): (Vec<_>, Vec<_>) = (completion.smoothed(raw.collect()).into_iter())
-        .partition(|(raw, states)| completion.exists(raw, states));
+    let mut judged = completion.judged(completion.smoothed(raw.collect()));
     if !free.is_empty() {
         // The boxes of another object are explained, too.
-        leave_out(&mut free, others.iter().chain(&whole).map(|(raw, _)| raw));
-        let mut raw: Vec<RawTrack> = whole.into_iter().map(|(raw, _)| raw).collect();
+        leave_out(&mut free, judged.iter().map(|one| &one.raw));
+        let mut raw: Vec<RawTrack> = completion.kept(judged).into_iter().map(|one| one.raw).collect();
         if steps.extend {
             extend(&mut raw, &mut free, frames, options, scene);
         }
         if steps.begin {
-            let mut begun = begin(&free, &raw, frames, scene);
-            begun.retain(|raw| completion.exists(raw, &completion.smooth(raw)));
-            raw.extend(begun);
+            let begun = begin(&free, &raw, frames, scene).into_iter().map(|raw| {
+                let states = completion.smooth(&raw);
+                (raw, states)
+            });
+            let begun = completion.judged(begun.collect());
+            raw.extend(completion.kept(begun).into_iter().map(|one| one.raw));
         }
-        whole = completion.smoothed(completion.linked(raw, LENGTHENED_HIDDEN_S.min(options.max_hidden_s)));
-        whole.retain(|(raw, states)| completion.exists(raw, states));
+        let linked = completion.linked(raw, LENGTHENED_HIDDEN_S.min(options.max_hidden_s));
+        judged = completion.judged(completion.smoothed(linked));
     }
-    let mut tracks: Vec<Track> =
-        whole.into_iter().filter_map(|(raw, states)| completion.finished(&raw, states)).collect();
+    let kept = completion.kept(judged);
+    let mut tracks: Vec<Track> = kept.into_iter().map(|one| completion.finished(one)).collect();
     tracks.retain(|track| !track.states.is_empty());
     let key = |track: &Track| track.states.first().map(|s| (s.stamp.index, s.pose.x_m, s.pose.y_m));
     tracks.sort_by(|a, b| match (key(a), key(b)) {
@@ -112,6 +114,18 @@ pub(crate) fn complete(
         track.id = id;
     }
     Tracks { tracks, left_out: completion.left_out }
+}
+
+/// A smoothed track, with the decision whether it is a vehicle.
+struct Judged {
+    /// Track before smoothing.
+    raw: RawTrack,
+    /// Smoothed states, one for each frame.
+    states: Vec<TrackState>,
+    /// All that shows whether it is a vehicle.
+    evidence: Evidence,
+    /// Whether it is probably a vehicle.
+    is_vehicle: bool,
 }
 
 /// The steps that turn tracklets into tracks.
@@ -179,17 +193,23 @@ impl<S: Scene> Completion<'_, S> {
         Evidence::of(&raw.observations, states, class, above_car_m)
     }
 
-    /// Whether a track has enough detections and is probably a vehicle. If it is none, it is listed as left out.
-    fn exists(&mut self, raw: &RawTrack, states: &[TrackState]) -> bool {
-        if raw.observations.len() < self.least {
-            return false;
-        }
-        let is_vehicle = |evidence: Evidence| evidence.probability() >= self.options.min_exists_p;
-        let exists = !self.options.steps.existence || self.evidence(raw, states).is_some_and(is_vehicle);
-        if !exists {
-            self.left_out.extend(states.first().map(|state| state.stamp));
-        }
-        exists
+    /// Judges which tracks are vehicles. Tracks without enough detections are dropped.
+    fn judged(&self, tracks: Vec<(RawTrack, Vec<TrackState>)>) -> Vec<Judged> {
+        let enough = tracks.into_iter().filter(|(raw, _)| raw.observations.len() >= self.least);
+        let judge = |(raw, states): (RawTrack, Vec<TrackState>)| {
+            let evidence = self.evidence(&raw, &states)?;
+            let is_vehicle =
+                !self.options.steps.existence || evidence.probability() >= self.options.min_exists_p;
+            Some(Judged { raw, states, evidence, is_vehicle })
+        };
+        enough.filter_map(judge).collect()
+    }
+
+    /// Returns the tracks that are vehicles. The others are listed as left out.
+    fn kept(&mut self, judged: Vec<Judged>) -> Vec<Judged> {
+        let (kept, others): (Vec<_>, Vec<_>) = judged.into_iter().partition(|one| one.is_vehicle);
+        self.left_out.extend(others.iter().filter_map(|one| Some(one.states.first()?.stamp)));
+        kept
     }
 
     /// Returns the joins of a track over gaps. Tracklets that overlap, or that other detections connect, leave no gap.
@@ -205,18 +225,18 @@ impl<S: Scene> Completion<'_, S> {
     }
 
     /// Returns the finished track. Where only boxes show the vehicle, they give its path and its size together.
-    fn finished(&self, raw: &RawTrack, states: Vec<TrackState>) -> Option<Track> {
-        let evidence = self.evidence(raw, &states)?;
+    fn finished(&self, judged: Judged) -> Track {
+        let Judged { raw, states, evidence, .. } = judged;
         let (class, dims_m, shape) = (raw.class(), raw.dims_m(), raw.shape.fused());
-        let joins = self.joins(raw);
+        let joins = self.joins(&raw);
         let track = Track { id: 0, class, dims_m, dims_covariance: None, states, shape, evidence, joins };
         let size = self.scene.size(class, &shape.mean).filter(|_| self.options.steps.by_boxes);
         let by_boxes = size.and_then(|size| {
             let body = Body { class, known: size, start_m: dims_m.unwrap_or(size.dims_m) };
             let Frames { stamps, times_s, .. } = self.frames;
-            smooth_by_boxes(&raw.observations, stamps, times_s, &self.options_of(raw), &body, self.scene)
+            smooth_by_boxes(&raw.observations, stamps, times_s, &self.options_of(&raw), &body, self.scene)
         });
-        Some(match by_boxes {
+        match by_boxes {
             Some((states, size)) => Track {
                 dims_m: dims_m.map(|_| size.dims_m),
                 dims_covariance: dims_m.map(|_| size.covariance),
@@ -224,7 +244,7 @@ impl<S: Scene> Completion<'_, S> {
                 ..track
             },
             None => track,
-        })
+        }
     }
 }
 
