@@ -84,6 +84,9 @@ fn tracks_of_another_program_are_counted_by_local_time() {
     assert!(flows[1..].iter().all(|row| row[1] == "west" && row[7] == "east"), "{flows:?}");
     let file = json(&out.join("traffic.json"));
     assert_eq!(file["cameras"][0]["clips"][0]["vehicles"], 10);
+    let in_lane = |row: &serde_json::Value| row["place"] == "east" && row["direction"] == "backward";
+    let lanes: Vec<_> = file["lanes"].as_array().unwrap().iter().filter(|row| in_lane(row)).collect();
+    assert_eq!(lanes.iter().map(|row| row["vehicles"].as_u64().unwrap()).sum::<u64>(), 10, "{lanes:?}");
     assert!(names(&out).contains(&"traffic.html".to_owned()));
 
     // A finished folder is kept, and the same command gives the same bytes.
@@ -140,6 +143,38 @@ fn a_run_with_a_gate_in_pixels_counts_nothing_in_a_parking_lot_at_rest() {
     let file = json(&dir.path().join("out/lot/traffic/traffic.json"));
     assert_eq!(file["cameras"][0]["places"][0]["name"], "row");
     assert_eq!(file["counts"][0]["vehicles"], 0);
+    // The same run, as if the camera had been turned in frame 7. The gate belongs to the position that frame 0 shows.
+    let edit = |name: &str, change: &dyn Fn(&mut serde_json::Value)| {
+        let path = dir.path().join("out/lot").join(name);
+        let mut content = json(&path);
+        change(&mut content);
+        std::fs::write(&path, content.to_string()).unwrap();
+    };
+    edit("camera.json", &|camera| {
+        let mut turned = camera["segments"][0].clone();
+        let middle_s = 7.0 / 12.0;
+        turned["span_s"][0] = middle_s.into();
+        turned["focal_px"] = 1500.0.into();
+        camera["segments"][0]["span_s"][1] = (middle_s - 1.0 / 12.0).into();
+        camera["segments"].as_array_mut().unwrap().push(turned);
+    });
+    edit("summary.json", &|summary| {
+        let moved = serde_json::json!({"kind": "turned", "since_frame": 7, "since_s": 7.0 / 12.0});
+        summary["watch"]["moves"] = serde_json::json!([moved]);
+    });
+    for (frame, has_gate) in [(0, "lot"), (7, "lot/2")] {
+        std::fs::write(&gates, line.replace("\"features\"", &format!("\"frame\": {frame}, \"features\"")))
+            .unwrap();
+        let mut command = roadplane();
+        command.arg("traffic").arg(dir.path().join("out/lot")).arg("--gates").arg(&gates);
+        let done = command.args(["--overwrite", "--out"]).arg(dir.path().join("counted")).output().unwrap();
+        assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+        let file = json(&dir.path().join("counted/traffic.json"));
+        let counts = file["counts"].as_array().unwrap();
+        assert!(!counts.is_empty() && counts.iter().all(|row| row["camera"] == has_gate), "{counts:?}");
+        let warning = file["warnings"].to_string();
+        assert!(warning.contains(&format!("in frame {frame}")), "{warning}");
+    }
     let failed = run(&dir.path().join("none"), "none");
     assert_eq!(failed.status.code(), Some(2));
     assert!(!dir.path().join("none").exists());

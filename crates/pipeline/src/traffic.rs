@@ -146,24 +146,37 @@ fn report(
     Ok(TrafficReport { file, sites })
 }
 
-/// Puts the gates and zones of a file into the worlds of clips.
+/// Puts the gates and zones of a file into the worlds of clips, and finds the lanes.
 fn drawn(
     name: String,
     clips: Vec<RunClip>,
     gates: &GatesFile,
     warnings: &mut Vec<String>,
 ) -> Result<Site, PipelineError> {
+    let is_there = |clip: &RunClip| {
+        let frame = gates.frame().zip(clip.world.as_ref());
+        frame.is_none_or(|(frame, world)| world.has_frame(frame))
+    };
+    let somewhere = clips.iter().any(is_there);
     let mut site = Site { name, clips: Vec::new(), lanes: Vec::new() };
-    for RunClip { clip, world, world_number, .. } in clips {
-        let (gates, zones) = if world_number > 1 && gates.are_pixels() {
+    for run in clips {
+        let has_gates = is_there(&run);
+        let RunClip { clip, world, .. } = run;
+        let (drawn, zones) =
+            if has_gates { gates.in_world(world.as_ref(), &clip.name)? } else { Default::default() };
+        if !has_gates {
             let name = &clip.name;
-            warnings.push(format!("{name}: gates in pixels hold for the first position of the camera only"));
-            (Vec::new(), Vec::new())
-        } else {
-            gates.in_world(world.as_ref(), &clip.name)?
-        };
-        site.clips.push(SiteClip { clip, gates, zones });
+            warnings.push(format!(
+                "{name}: gates in pixels hold only for the position of the camera in frame {}",
+                gates.frame().unwrap_or_default()
+            ));
+        }
+        // Figures of a gate need all clips of a camera to have it. A clip without it counts as time without a camera.
+        if has_gates || !somewhere {
+            site.clips.push(SiteClip { clip, gates: drawn, zones });
+        }
     }
+    site.lanes = find_scene(&site.clips.iter().map(|one| &one.clip).collect::<Vec<_>>(), None).lanes;
     Ok(site)
 }
 

@@ -15,7 +15,8 @@ pub struct ShapePrior {
     pub mean: Shape,
     /// Inverse covariance; zero means that there is no prior.
     pub information: Matrix6<f64>,
-    /// Whether the shape is fixed at the mean instead of estimated.
+    /// Whether the shape is fixed at the mean instead of estimated. Its uncertainty is then still a part of the
+    /// covariance of the pose.
     pub fixed: bool,
 }
 
@@ -27,10 +28,10 @@ impl Default for ShapePrior {
 }
 
 impl ShapePrior {
-    /// Returns a prior that fixes the shape at the given coefficients.
+    /// Returns a prior that fixes the shape at the given coefficients. The information is that of all views of the car.
     #[must_use]
-    pub fn fixed_at(shape: Shape) -> Self {
-        Self { mean: shape, information: Matrix6::identity(), fixed: true }
+    pub fn fixed_at(shape: Shape, information: Matrix6<f64>) -> Self {
+        Self { mean: shape, information, fixed: true }
     }
 }
 

@@ -85,7 +85,9 @@ impl Pass<'_> {
             let view = FrameCamera::from(estimate);
             let prior =
                 |i: usize| match known.and_then(|known| known.get(&CarRef { frame: frame.frame, car: i })) {
-                    Some(known) => (ShapePrior::fixed_at(known.vehicle.shape.mean), Some(known.pose)),
+                    Some(KnownCar { vehicle, pose, .. }) => {
+                        (ShapePrior::fixed_at(vehicle.shape.mean, vehicle.shape.information), Some(*pose))
+                    }
                     None => (self.any_car, None),
                 };
             let fitted = fit_frame(

@@ -69,6 +69,14 @@ impl GatesFile {
         matches!(self.coordinates, Coordinates::Pixels { .. })
     }
 
+    /// Returns the frame of the picture with the points; `None` if they are no pixels.
+    pub(super) fn frame(&self) -> Option<u64> {
+        match self.coordinates {
+            Coordinates::Pixels { frame, .. } => Some(frame),
+            Coordinates::Metres | Coordinates::Wgs84 => None,
+        }
+    }
+
     /// Returns the gates and zones in the world frame of a clip.
     pub(super) fn in_world(
         &self,

@@ -118,7 +118,10 @@ pub(super) fn read_run(
     for (i, segment) in segments.iter().enumerate() {
         let is_first = world_of[i] == i;
         let motion = motion_in(&camera, segment);
-        worlds.push(is_first.then(|| World::new(segment.estimate(), motion, place.clone())));
+        let visits = (i..segments.len()).filter(|&j| world_of[j] == i);
+        let frames = visits.map(|j| first_frame(summary, &camera, j)..first_frame(summary, &camera, j + 1));
+        worlds
+            .push(is_first.then(|| World::new(segment.estimate(), motion, place.clone(), frames.collect())));
     }
     let centre_m = ShapeAtlas::shipped()?.body_middle_m(&Shape::zeros());
     let mut vehicles = Vehicles::default();
@@ -158,6 +161,18 @@ fn worlds_of(segments: &[CameraSegment]) -> Vec<usize> {
     };
     let first = |i: usize| (0..i).find(|&j| same(&segments[i], &segments[j])).unwrap_or(i);
     (0..segments.len()).map(first).collect()
+}
+
+/// Returns the first frame of a segment of the camera; the largest number after the last segment. Only some frames have
+/// known times: those of camera moves, and those whose picture is displaced.
+fn first_frame(summary: &Summary, camera: &CameraFile, segment: usize) -> u64 {
+    let segments = camera.all();
+    let Some(begins_s) = segments.get(segment).map(|segment| segment.span_s[0]) else { return u64::MAX };
+    let moves = summary.watch.moves.iter().map(|moved| (moved.since_frame, moved.since_s));
+    let displaced = camera.motion.iter().map(|row| (row.frame, row.time_s));
+    let known = moves.chain(displaced).filter(|_| segment > 0);
+    let nearest = known.min_by(|a, b| (a.1 - begins_s).abs().total_cmp(&(b.1 - begins_s).abs()));
+    nearest.map_or(0, |(frame, _)| frame)
 }
 
 fn motion_in(camera: &CameraFile, segment: &CameraSegment) -> BTreeMap<u64, Homography> {

@@ -1,6 +1,7 @@
 //! The world frame of a clip: how pixels and map positions lie on its ground.
 
 use std::collections::BTreeMap;
+use std::ops::Range;
 
 use nalgebra::Vector2;
 use roadplane_base::{CameraEstimate, GroundPose, Homography, ImageSize};
@@ -14,6 +15,8 @@ pub(super) struct World {
     /// World picture from the picture of a frame, for frames whose picture is displaced.
     world_from_picture: BTreeMap<u64, Homography>,
     place: Option<Fit>,
+    /// Frames in which the camera has this position.
+    frames: Vec<Range<u64>>,
     /// Pairs of a world position and its easting and northing, m.
     on_map: Vec<[Vector2<f64>; 2]>,
 }
@@ -26,8 +29,14 @@ impl World {
         camera: CameraEstimate,
         world_from_picture: BTreeMap<u64, Homography>,
         place: Option<Fit>,
+        frames: Vec<Range<u64>>,
     ) -> Self {
-        Self { camera, world_from_picture, place, on_map: Vec::new() }
+        Self { camera, world_from_picture, place, frames, on_map: Vec::new() }
+    }
+
+    /// Whether the camera has this position in a frame.
+    pub(super) fn has_frame(&self, frame: u64) -> bool {
+        self.frames.iter().any(|frames| frames.contains(&frame))
     }
 
     /// Adds a position with its easting and northing, m.

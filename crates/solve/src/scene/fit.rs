@@ -1,6 +1,6 @@
 //! The fit of one car's pose and shape, for a given camera and ground plane.
 
-use nalgebra::{SMatrix, Vector4};
+use nalgebra::{Matrix6, SMatrix, Vector4};
 use roadplane_base::{Camera, CameraParams, GroundPlane, GroundPose, KeypointSet, MODES, ShapeAtlas};
 
 use crate::linear::lm::{LmOptions, minimise};
@@ -69,11 +69,36 @@ pub fn fit_car(
         roadplane_base::angle_difference(other.state.poses[0].heading, heading).abs() > 0.5
     };
     let margin = fits.iter().find(|(_, p)| elsewhere(p)).map_or(f64::INFINITY, |(other, _)| other - cost);
+    problem.shapes_fixed = false;
     let joint = problem.only_view_covariance()?;
-    let (mut car, covariance) = car_solution(&problem, 0, &joint)?;
+    let (mut car, mut covariance) = car_solution(&problem, 0, &joint)?;
+    if shape.fixed {
+        covariance = with_shape(&covariance, &shape.information)?;
+        car.ground_covariance = covariance.fixed_view::<3, 3>(0, 0).into_owned();
+        car.shape_covariance = covariance.fixed_view::<MODES, MODES>(3, 3).into_owned();
+    }
     let right = car.inliers.iter().filter(|inlier| **inlier).count();
     car.used = right >= options.min_inliers && right as f64 >= options.min_inlier_share * found.len() as f64;
     Some(CarFit { car, covariance, cost, margin })
+}
+
+/// Returns the joint covariance of (x, y, heading, shape) if the shape has this information instead of its own.
+///
+/// The pose follows the shape linearly, with the derivative D = Σ_ps Σ_ss⁻¹. So its covariance is that for a given shape,
+/// plus D Λ⁻¹ Dᵀ.
+fn with_shape(joint: &SMatrix<f64, 9, 9>, information: &Matrix6<f64>) -> Option<SMatrix<f64, 9, 9>> {
+    let shape = information.cholesky()?.inverse();
+    let between = joint.fixed_view::<3, MODES>(0, 3).into_owned();
+    // A coefficient at its bound does not change: its rows are zero.
+    let own = joint.fixed_view::<MODES, MODES>(3, 3) + Matrix6::identity() * 1e-12;
+    let by_shape = between * own.cholesky()?.inverse();
+    let given_shape = joint.fixed_view::<3, 3>(0, 0) - by_shape * between.transpose();
+    let mut whole = SMatrix::<f64, 9, 9>::zeros();
+    whole.fixed_view_mut::<3, 3>(0, 0).copy_from(&(given_shape + by_shape * shape * by_shape.transpose()));
+    whole.fixed_view_mut::<3, MODES>(0, 3).copy_from(&(by_shape * shape));
+    whole.fixed_view_mut::<MODES, 3>(3, 0).copy_from(&(by_shape * shape).transpose());
+    whole.fixed_view_mut::<MODES, MODES>(3, 3).copy_from(&shape);
+    Some(whole)
 }
 
 /// Fits one car for a given camera from each start: first its pose, then pose and shape.

@@ -15,7 +15,8 @@ pub struct Lane {
     pub from: Option<usize>,
     /// Index of the arm to which the lane leads; `None` if no vehicle was seen on the whole path.
     pub to: Option<usize>,
-    /// The vehicles in the lane, sorted by clip and track. A vehicle that changes lanes is in several lanes.
+    /// The vehicles in the lane, sorted by clip and track. A vehicle that changes lanes is in several lanes. If the clips
+    /// have more than 2000 vehicles, these are an even sample of them.
     pub stays: Vec<Stay>,
 }
 
