@@ -24,7 +24,7 @@ mod hidden;
 mod outline;
 
 pub use body::{Body, LEAST_M, body_of, car_body};
-pub use cars::{any_car, fit_frame};
+pub use cars::{POSE_SD_RATIO, any_car, fit_frame};
 pub use edge::{EDGE_SD_PX, EDGE_SD_SHARE, Edge, OUTLINE_SD, OUTWARD, REACH};
 pub use fit_check::{FitLimits, overlap_inside, projected_box, usable};
 pub use frame_camera::FrameCamera;

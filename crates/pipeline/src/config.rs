@@ -515,7 +515,6 @@ impl Config {
         range("track.gate", track.gate, 1.0, 1000.0)?;
         range("track.min_position_sd_m", track.min_position_sd_m, 1e-4, 10.0)?;
         range("track.min_heading_sd_rad", track.min_heading_sd_rad, 1e-4, 1.0)?;
-        range("track.bias_share", track.bias_share, 0.0, 1.0)?;
         range("track.min_motion_m", track.min_motion_m, 0.01, 100.0)?;
         range("track.speed_change", track.speed_change, 0.01, 100.0)?;
         range("track.curvature_change", track.curvature_change, 1e-3, 10.0)?;

@@ -1,6 +1,7 @@
 //! Splits the covariance of measurements into a part that varies over time and a bias.
 
 use nalgebra::Matrix3;
+use roadplane_measure::POSE_SD_RATIO;
 
 /// The split of the covariance R, for one track or one stationary interval.
 #[derive(Clone, Copy, Debug)]
@@ -9,8 +10,6 @@ pub(crate) struct Noise {
     pub ratio: f64,
     /// Correlation of the scatter between successive detections, 0–1.
     pub correlation: f64,
-    /// Least share of the sd that counts as bias, 0–1 ([`crate::TrackOptions::bias_share`]).
-    bias_share: f64,
 }
 
 /// Number of detections below which the scatter is not measured.
@@ -20,16 +19,16 @@ impl Noise {
     /// Measures the split from squared, whitened residuals. Their mean is 3 · `free` if R is all white. `own` is their
     /// sum, and `lagged` is the sum of the products of successive residuals. `free` is the share of the degrees of
     /// freedom that fitting left.
-    pub(crate) fn measured(squares: &mut [f64], own: f64, lagged: f64, free: f64, bias_share: f64) -> Self {
+    pub(crate) fn measured(squares: &mut [f64], own: f64, lagged: f64, free: f64) -> Self {
         let n = squares.len();
         if n < MIN_SIGHTINGS {
-            return Self { ratio: 1.0, correlation: 0.0, bias_share };
+            return Self { ratio: 1.0, correlation: 0.0 };
         }
         squares.sort_by(f64::total_cmp);
         // The median of χ² with 3 degrees of freedom is 2.366; the mean would follow outliers.
         let ratio = (squares[n / 2] / (2.366 * free)).clamp(0.01, 50.0);
         let correlation = if own > 0.0 { (lagged / own).clamp(0.0, 0.95) } else { 0.0 };
-        Self { ratio, correlation, bias_share }
+        Self { ratio, correlation }
     }
 
     /// Returns the factor on R of one detection, for an estimator that assumes independent detections.
@@ -37,9 +36,9 @@ impl Noise {
         self.ratio * (1.0 + self.correlation) / (1.0 - self.correlation)
     }
 
-    /// Returns the factor on R of the error that all detections share.
+    /// Returns the factor on R of the error that all detections share: the part of the variance that does not scatter.
     pub(crate) fn bias(&self) -> f64 {
-        (1.0 - self.ratio).max(self.bias_share * self.bias_share)
+        POSE_SD_RATIO.powi(2) - self.ratio.min(1.0)
     }
 }
 

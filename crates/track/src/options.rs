@@ -29,8 +29,6 @@ pub struct TrackOptions {
     pub min_position_sd_m: f64,
     /// Least sd of a measured heading, rad: no measurement is better than this.
     pub min_heading_sd_rad: f64,
-    /// Least share of a measurement's sd that counts as bias, 0–1. Bias does not average out over frames.
-    pub bias_share: f64,
     /// Least motion over about one second that distinguishes a driving car from a parked one, m.
     pub min_motion_m: f64,
     /// Sd of the change of speed within 1 s, m/s. It grows with the square root of time.
@@ -61,7 +59,6 @@ impl Default for TrackOptions {
             gate: 20.0,
             min_position_sd_m: 0.02,
             min_heading_sd_rad: 0.005,
-            bias_share: 0.6,
             min_motion_m: 0.4,
             speed_change: 1.0,
             curvature_change: 0.1,

@@ -26,7 +26,7 @@ pub(crate) struct Stand {
 
 /// Estimates the pose of a stationary interval; `None` without detections. Carried-over detections are copies
 /// of an earlier detection. They are used only if the interval has no real detection.
-pub(crate) fn stand(all: &[Sighting], bias_share: f64) -> Option<Stand> {
+pub(crate) fn stand(all: &[Sighting]) -> Option<Stand> {
     let looks: Vec<Sighting> = all.iter().filter(|o| !o.held).cloned().collect();
     let sightings = if looks.is_empty() { all.get(..1)? } else { &looks };
     let inverses: Vec<Matrix3<f64>> =
@@ -37,7 +37,7 @@ pub(crate) fn stand(all: &[Sighting], bias_share: f64) -> Option<Stand> {
         let away: Vec<Vector3<f64>> = sightings.iter().map(|o| residual(o, &pose)).collect();
         let squares: Vec<f64> = away.iter().zip(&inverses).map(|(d, i)| d.dot(&(i * d))).collect();
         let mut sorted = squares.clone();
-        let ratio = Noise::measured(&mut sorted, 0.0, 0.0, 1.0, bias_share).ratio;
+        let ratio = Noise::measured(&mut sorted, 0.0, 0.0, 1.0).ratio;
         information = Matrix3::zeros();
         let mut step = Vector3::zeros();
         for ((d, inverse), square) in away.iter().zip(&inverses).zip(&squares) {
@@ -51,7 +51,7 @@ pub(crate) fn stand(all: &[Sighting], bias_share: f64) -> Option<Stand> {
             break;
         }
     }
-    let noise = noise_around(sightings, &inverses, &pose, bias_share);
+    let noise = noise_around(sightings, &inverses, &pose);
     let typical = information.cholesky()?.inverse() * sightings.len() as f64;
     let independent = (sightings.len() as f64 * noise.ratio / noise.white().max(1e-12)).max(1.0);
     let white = noise.ratio / independent;
@@ -92,11 +92,10 @@ fn noise_around(
     sightings: &[Sighting],
     inverses: &[Matrix3<f64>],
     pose: &Vector3<f64>,
-    bias_share: f64,
 ) -> Noise {
     let away: Vec<Vector3<f64>> = sightings.iter().map(|o| residual(o, pose)).collect();
     let mut squares: Vec<f64> = away.iter().zip(inverses).map(|(d, i)| d.dot(&(i * d))).collect();
     let own = squares.iter().sum();
     let lagged = (1..away.len()).map(|i| away[i - 1].dot(&(inverses[i] * away[i]))).sum();
-    Noise::measured(&mut squares, own, lagged, 1.0, bias_share)
+    Noise::measured(&mut squares, own, lagged, 1.0)
 }

@@ -35,7 +35,7 @@ pub(crate) fn smooth_by_boxes(
     let by_poses = Way::by_poses(sightings, times_s, options)
         .filter(|way| way.facing.drove || sightings.iter().any(by_pose))?;
     let solve = |before: &Way, moving: &[bool], start_m: Vector3<f64>| {
-        let mut places = places(sightings, times_s, &runs(moving), options);
+        let mut places = places(sightings, times_s, &runs(moving));
         let measured = |place: &mut Place| {
             let seen = &sightings[place.sightings.clone()];
             let poses: Vec<Sighting> = seen.iter().filter(|seen| by_pose(seen)).cloned().collect();
@@ -43,7 +43,7 @@ pub(crate) fn smooth_by_boxes(
                 return None;
             }
             if place.stand.is_some() {
-                place.stand = stand(&poses, options.bias_share);
+                place.stand = stand(&poses);
             }
             place.measured(sightings, by_poses.noise)
         };

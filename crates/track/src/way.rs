@@ -85,9 +85,9 @@ impl Way {
     /// frame.
     pub(crate) fn by_poses(sightings: &[Sighting], times_s: &[f64], options: &TrackOptions) -> Option<Self> {
         let runs = find_runs(sightings, options);
-        let places = places(sightings, times_s, &runs, options);
+        let places = places(sightings, times_s, &runs);
         let (mut nodes, facing) = start(sightings, &places, options);
-        let mut noise = Noise::measured(&mut [], 0.0, 0.0, 1.0, options.bias_share);
+        let mut noise = Noise::measured(&mut [], 0.0, 0.0, 1.0);
         let mut covariances = Vec::new();
         for pass in 0..=NOISE_PASSES {
             (nodes, covariances) = solve(sightings, &places, nodes, noise, options)?;
@@ -112,7 +112,6 @@ pub(crate) fn places(
     sightings: &[Sighting],
     times_s: &[f64],
     runs: &[Run],
-    options: &TrackOptions,
 ) -> Vec<Place> {
     let mut found: Vec<Place> = Vec::new();
     for run in runs {
@@ -120,7 +119,7 @@ pub(crate) fn places(
         let (Some(first), Some(last)) = (part.first(), part.last()) else { continue };
         // Frames since the interval before, in which the car was not detected, get nodes as well.
         let from = found.last().map_or(first.frame, |place| place.frames.end);
-        let stand = if run.parked { stand(part, options.bias_share) } else { None };
+        let stand = if run.parked { stand(part) } else { None };
         let mut index = run.sightings.start;
         for (frame, &time_s) in times_s.iter().enumerate().take(last.frame + 1).skip(from) {
             if frame >= first.frame && stand.is_some() {
@@ -242,5 +241,5 @@ fn driving_noise(
     }
     let all = 3.0 * squares.len() as f64;
     let free = (1.0 - leverage / all.max(1.0)).clamp(0.2, 1.0);
-    Noise::measured(&mut squares, own, lagged, free, options.bias_share)
+    Noise::measured(&mut squares, own, lagged, free)
 }

@@ -6,6 +6,7 @@ use nalgebra::Isometry3;
 use roadplane_base::{
     CarRef, FrameRecord, GroundPlane, KEYPOINTS, PoseRecord, Shape, ShapeAtlas, rows_from_isometry,
 };
+use roadplane_measure::POSE_SD_RATIO;
 use roadplane_solve::{CarFit, FreeCarFit, SceneOptions};
 
 use crate::stream::cadence::RESET_S;
@@ -19,7 +20,7 @@ pub fn pose_record(
     atlas: &ShapeAtlas,
 ) -> Option<PoseRecord> {
     let car = &fit.car;
-    let sd = |i: usize| Some(car.ground_covariance[(i, i)].sqrt()).filter(|sd| sd.is_finite());
+    let sd = |i: usize| sd_of(car.ground_covariance[(i, i)]);
     let pose = Pose {
         world_from_car: car.ground.world_from_car(),
         camera_from_car: car.camera_from_car,
@@ -45,16 +46,20 @@ pub fn free_pose_record(
     let turn = world_from_camera.rotation.to_rotation_matrix();
     let moved = turn.matrix() * fit.pose_covariance.fixed_view::<3, 3>(3, 3) * turn.matrix().transpose();
     let turned = turn.matrix() * fit.pose_covariance.fixed_view::<3, 3>(0, 0) * turn.matrix().transpose();
-    let sd = |variance: f64| Some(variance.sqrt()).filter(|sd| sd.is_finite());
     let pose = Pose {
         world_from_car: world_from_camera * fit.camera_from_car,
         camera_from_car: fit.camera_from_car,
-        sd: [sd(moved[(0, 0)]), sd(moved[(1, 1)]), sd(turned[(2, 2)])],
+        sd: [sd_of(moved[(0, 0)]), sd_of(moved[(1, 1)]), sd_of(turned[(2, 2)])],
         shape: fit.shape,
         reprojection_rms_px: fit.reprojection_rms_px,
         used: fit.inliers.iter().filter(|inlier| **inlier).count() >= options.min_inliers,
     };
     record_of(frame, index, &pose, atlas)
+}
+
+/// Returns the sd of a pose's number from its variance under independent errors of the keypoints; `None` if not finite.
+fn sd_of(variance: f64) -> Option<f64> {
+    Some(variance.sqrt() * POSE_SD_RATIO).filter(|sd| sd.is_finite())
 }
 
 /// Poses of inference frames, for the frames over which they are carried.
