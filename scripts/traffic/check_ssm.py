@@ -66,7 +66,7 @@ class Row:
 
 def ours(program: str, simulation: Simulation, nearest_m: float = 0) -> dict[frozenset[str], Row]:
     """Our conflicts on the tracks of a simulation."""
-    limits = [f"ttc_s={TTC_S}", f"drac_mps2={DRAC_MPS2}", f"pet_s={PET_S}"]
+    limits = [f"ttc_s={TTC_S}", f"drac_mps2={DRAC_MPS2}", f"pet_s={PET_S}", "least_speed_mps=0"]
     done = subprocess.run([program, *limits], input=simulation.tracks(nearest_m), text=True, capture_output=True, check=True)
     names = {number: name for name, number in simulation.numbers.items()}
     value = {"": None}

@@ -126,11 +126,11 @@ fn report(
         figures.extend(Figures::of(&site, clock));
         sites.push(site);
     }
-    if figures.overlaps > 0 {
-        let n = figures.overlaps;
+    if figures.doubtful_conflicts > 0 {
+        let n = figures.doubtful_conflicts;
         warnings.push(format!(
-            "{n} pairs of vehicles overlap on the ground, because of errors of positions or lengths. They are not listed as \
-             conflicts; a crash would be one of them"
+            "{n} pairs of vehicles are not listed as conflicts, because these vehicles overlap on the ground, with each other or \
+             with others. The cause is an error of a position or a length; a crash would be one of these pairs"
         ));
     }
     warnings.dedup();

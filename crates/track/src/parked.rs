@@ -88,11 +88,7 @@ fn residual(sighting: &Sighting, pose: &Vector3<f64>) -> Vector3<f64> {
 }
 
 /// Measures the split between white noise and bias from the residuals around a pose.
-fn noise_around(
-    sightings: &[Sighting],
-    inverses: &[Matrix3<f64>],
-    pose: &Vector3<f64>,
-) -> Noise {
+fn noise_around(sightings: &[Sighting], inverses: &[Matrix3<f64>], pose: &Vector3<f64>) -> Noise {
     let away: Vec<Vector3<f64>> = sightings.iter().map(|o| residual(o, pose)).collect();
     let mut squares: Vec<f64> = away.iter().zip(inverses).map(|(d, i)| d.dot(&(i * d))).collect();
     let own = squares.iter().sum();

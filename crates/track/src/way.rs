@@ -108,11 +108,7 @@ impl Way {
 }
 
 /// Returns the nodes of a track, in the order of time. `times_s` holds the time of every frame.
-pub(crate) fn places(
-    sightings: &[Sighting],
-    times_s: &[f64],
-    runs: &[Run],
-) -> Vec<Place> {
+pub(crate) fn places(sightings: &[Sighting], times_s: &[f64], runs: &[Run]) -> Vec<Place> {
     let mut found: Vec<Place> = Vec::new();
     for run in runs {
         let part = &sightings[run.sightings.clone()];

@@ -33,8 +33,10 @@ mod meeting;
 mod pair;
 mod path;
 mod projection;
+mod sound;
 
 pub use conflict::{Conflict, ConflictKind, ConflictLimits, Projection};
+pub(crate) use sound::sound;
 
 use crate::Clip;
 use path::Path;

@@ -1,7 +1,7 @@
 //! All figures of one camera.
 
 use crate::clock::Clock;
-use crate::conflicts::{ConflictLimits, conflicts};
+use crate::conflicts::{ConflictLimits, conflicts, sound};
 use crate::flows::Journeys;
 use crate::gate_figures::gate_figures;
 use crate::lanes::lane_rows;
@@ -38,10 +38,12 @@ impl Figures {
                 moment: clip.start_s.map(|start| clock.label(start + conflict.at_s)),
                 conflict,
             };
-            let (overlaps, real): (Vec<_>, Vec<_>) =
-                conflicts(clip, &ConflictLimits::default()).into_iter().partition(Conflict::is_overlap);
-            figures.overlaps += overlaps.len() as u64;
-            figures.conflicts.extend(real.into_iter().map(row));
+            let limits = ConflictLimits::default();
+            let all = conflicts(clip, &limits);
+            figures.doubtful_conflicts += all.len() as u64;
+            let sound = sound(all, &limits);
+            figures.doubtful_conflicts -= sound.len() as u64;
+            figures.conflicts.extend(sound.into_iter().map(row));
         }
         figures
     }
@@ -105,7 +107,7 @@ mod tests {
         let of = |vehicles| {
             let site = Site { clips: vec![clip("one", 0.0, vehicles)], ..site() };
             let figures = Figures::of(&site, &Clock::new("UTC", "60s").unwrap());
-            (figures.conflicts.len(), figures.overlaps)
+            (figures.conflicts.len(), figures.doubtful_conflicts)
         };
         assert_eq!(of(pair(0.2)), (0, 1));
         assert_eq!(of(pair(2.0)), (0, 0));

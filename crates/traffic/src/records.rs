@@ -289,9 +289,10 @@ pub struct Figures {
     /// Every crossing of a gate. It is only in the table `crossings`, not in `traffic.json`.
     #[serde(skip)]
     pub crossings: Vec<CrossingRow>,
-    /// Number of pairs of vehicles whose footprints overlap. They are not among the conflicts.
+    /// Number of pairs of vehicles that pass a limit and are not among the conflicts: their footprints overlap, or one of
+    /// the vehicles overlaps with another at about this time.
     #[serde(skip)]
-    pub overlaps: u64,
+    pub doubtful_conflicts: u64,
     /// Every stay in a zone. It is only in the table `stays`, not in `traffic.json`.
     #[serde(skip)]
     pub stays: Vec<StayRow>,
@@ -310,6 +311,6 @@ impl Figures {
         self.conflicts.extend(other.conflicts);
         self.crossings.extend(other.crossings);
         self.stays.extend(other.stays);
-        self.overlaps += other.overlaps;
+        self.doubtful_conflicts += other.doubtful_conflicts;
     }
 }

@@ -47,6 +47,8 @@ pub struct ConflictLimits {
     /// Probability that a time to collision or a deceleration passes its limit, from which a conflict is listed even if
     /// its value does not pass it.
     pub listed_p: f64,
+    /// Speed of the faster vehicle from which a contact counts, m/s. Slower contacts are those of queues.
+    pub least_speed_mps: f64,
     /// Longest time to collision that is computed, s. It must not be shorter than `ttc_s`.
     pub horizon_s: f64,
     /// Where a vehicle is expected to go.
@@ -61,6 +63,8 @@ impl Default for ConflictLimits {
             ttc_s: 1.5,
             drac_mps2: 3.35,
             listed_p: 0.05,
+            // 10 ft/s: the limit of high-speed conflicts in evaluations with SSAM by the US Federal Highway Administration.
+            least_speed_mps: 3.05,
             horizon_s: 5.0,
             projection: Projection::Path,
         }

@@ -112,6 +112,9 @@ fn expected_contacts(a: &Path<'_>, b: &Path<'_>, limits: &ConflictLimits) -> Vec
             continue;
         };
         let moment = Moment { time_s, states: [at_a, at_b] };
+        if fastest_mps(&moment) < limits.least_speed_mps {
+            continue;
+        }
         let [motion_a, motion_b] = motions(a, b, &moment, limits);
         if let Some(after_s) = until_contact_s(&motion_a, &motion_b, limits.horizon_s) {
             found.push(Expected { moment, after_s });
