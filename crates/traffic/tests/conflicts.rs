@@ -64,7 +64,13 @@ fn clip(vehicles: Vec<Vehicle>, scale_sd: Option<f64>) -> Clip {
 
 /// Limits that list every conflict.
 fn all() -> ConflictLimits {
-    ConflictLimits { pet_s: 10.0, ttc_s: 5.0, listed_p: 0.0, least_speed_mps: 0.0, ..ConflictLimits::default() }
+    ConflictLimits {
+        pet_s: 10.0,
+        ttc_s: 5.0,
+        listed_p: 0.0,
+        least_speed_mps: 0.0,
+        ..ConflictLimits::default()
+    }
 }
 
 fn only(vehicles: Vec<Vehicle>) -> Conflict {

@@ -197,6 +197,9 @@ impl Lanes {
         let prior = LOCAL_SD_M.powi(-2);
         let offset = |(window, entries): (usize, &Vec<(f64, f64)>)| {
             let expected = self.means_m[lane] + self.shifts_m[window];
+            if entries.is_empty() {
+                return (expected, MOST_SD_M, 0.0);
+            }
             let sum = |of: &dyn Fn(&(f64, f64)) -> f64| entries.iter().map(of).sum::<f64>();
             let (total, squares) = (sum(&|e| e.0), sum(&|e| e.0.powi(2)));
             let mean = (sum(&|e| e.0 * e.1) + prior * expected) / (total + prior);
@@ -270,4 +273,19 @@ fn spread_means(sorted: &[f64], groups: usize) -> Option<Vec<f64>> {
     }
     means.reverse();
     Some(means)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_window_without_vehicles_has_the_largest_sd() {
+        let samples = |left_m: f64| [0, 2].map(|window| Sample { window, left_m, variance: 0.01 }).to_vec();
+        let vehicles: Vec<_> = [-0.2, 0.0, 0.2].map(samples).to_vec();
+        let offsets = Lanes::fit(&vehicles, 3).unwrap().offsets(0, &vehicles);
+        assert!(offsets.iter().all(|offset| offset.0.abs() < 0.05), "{offsets:?}");
+        assert!(offsets[1].1 == MOST_SD_M && offsets[1].2 == 0.0, "{offsets:?}");
+        assert!([0, 2].iter().all(|&window| (0.05..0.5).contains(&offsets[window].1)), "{offsets:?}");
+    }
 }
