@@ -262,7 +262,12 @@ pub(crate) fn solve_constrained_clip(
             track.shape.mean = atlas.clamped(&track.shape.mean);
         }
         drop(vehicles);
-        tracks.retain(|track| !config.track.steps.own_boxes || pass.is_where_it_is_seen(track, &views));
+        tracks.retain(|track| {
+            let is_kept = !config.track.steps.own_boxes || pass.is_where_it_is_seen(track, &views);
+            let is_own = track.states.first().is_some_and(|state| chunk.holds(state.stamp.time_s()));
+            tally.left_out_tracks += u64::from(!is_kept && is_own);
+            is_kept
+        });
         let tracks = numbers.give(tracks, chunk);
         poses.add(&spool, &tracks)?;
         shapes.extend(tracks.iter().map(|track| (track.id, track.shape.mean)));

@@ -61,10 +61,10 @@ pub(crate) fn stand(all: &[Sighting]) -> Option<Stand> {
         return Some(Stand {
             pose,
             white: typical - place * (1.0 - white).max(0.0),
-            bias: place * noise.bias(),
+            bias: place * noise.bias(true),
         });
     }
-    Some(Stand { pose, white: typical * white, bias: typical * noise.bias() })
+    Some(Stand { pose, white: typical * white, bias: typical * noise.bias(false) })
 }
 
 /// Returns the pose to start from: medians of the position, and the axis on which most detections agree (mean of

@@ -61,7 +61,10 @@ impl Place {
     pub(crate) fn bias(&self, sightings: &[Sighting], noise: Noise) -> Matrix3<f64> {
         match &self.stand {
             Some(stand) => stand.bias,
-            None => given_heading(&sightings[self.nearest].covariance) * noise.bias(),
+            None => {
+                let nearest = &sightings[self.nearest];
+                given_heading(&nearest.covariance) * noise.bias(nearest.from_box)
+            }
         }
     }
 }
@@ -193,7 +196,8 @@ fn solve(
 fn white(sightings: &[Sighting], place: &Place, seen: &Sighting, noise: Noise) -> Matrix3<f64> {
     let mut covariance = seen.covariance * noise.white();
     // A bias of the heading contradicts the path. So a driving car's keypoints count once per view, not once per frame.
-    covariance[(2, 2)] += seen.covariance[(2, 2)] * noise.bias() * per_view(sightings, place.nearest);
+    covariance[(2, 2)] +=
+        seen.covariance[(2, 2)] * noise.bias(seen.from_box) * per_view(sightings, place.nearest);
     covariance
 }
 

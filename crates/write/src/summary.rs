@@ -226,7 +226,8 @@ pub struct Counts {
     /// Number of tracks.
     pub tracks: u64,
     /// Number of tracks that were left out because they are probably no vehicles: their `exists_p` is below the setting
-    /// `track.min_exists_p`. Files of older versions lack this count, and it is read as 0.
+    /// `track.min_exists_p`, or most of their boxes contradict their positions. Files of older versions lack this count, and
+    /// it is read as 0.
     #[serde(default)]
     pub tracks_left_out: u64,
     /// Number of rows in the track files.

