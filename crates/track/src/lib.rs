@@ -26,7 +26,7 @@
 //!
 //! # Noise
 //! The covariance R of a measurement assumes independent errors of the keypoints. The true covariance is c² R, with c =
-//! [`roadplane_measure::POSE_SD_RATIO`]. It is split into two parts, `r R + (c² − min(r, 1)) R` (`noise.rs`). The first
+//! [`roadplane_measure::POSE_SD_RATIO`]. It is split into two parts, `r R + max(c² − r, 1) R` (`noise.rs`). The first
 //! part is white and averages out over frames. The second part is a bias, which never averages out for a parked car. Here
 //! r is the scatter that the track shows relative to R.
 

@@ -34,7 +34,7 @@ impl ShapeBelief {
 pub struct CarMeasurement {
     /// Pose of the car on the ground. Its heading may be wrong by π.
     pub pose: GroundPose,
-    /// Covariance of (x, y, heading), m and rad.
+    /// Covariance of (x, y, heading), m and rad. For keypoints, it assumes that their errors are independent.
     pub covariance: Matrix3<f64>,
     /// Box of the car (left, top, right, bottom), px.
     pub bbox_px: [f64; 4],

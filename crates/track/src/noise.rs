@@ -36,10 +36,10 @@ impl Noise {
         self.ratio * (1.0 + self.correlation) / (1.0 - self.correlation)
     }
 
-    /// Returns the factor on R of the error that all detections share. For keypoints, it is the part of the variance that
-    /// does not scatter. All boxes of a vehicle share their error.
+    /// Returns the factor on R of the error that all detections share: the part of the variance that does not scatter, and
+    /// at least R. All boxes of a vehicle share their error.
     pub(crate) fn bias(&self, from_box: bool) -> f64 {
-        if from_box { 1.0 } else { POSE_SD_RATIO.powi(2) - self.ratio.min(1.0) }
+        if from_box { 1.0 } else { (POSE_SD_RATIO.powi(2) - self.ratio).max(1.0) }
     }
 }
 

@@ -42,6 +42,8 @@ pub struct Seeing {
     pub heading_sd: f64,
     /// Share of the variance that a car keeps for the whole clip, 0–1.
     pub bias: f64,
+    /// Ratio of the true sd of a pose to that of its covariance.
+    pub sd_ratio: f64,
     /// Sd of each edge of a box, px.
     pub box_sd_px: f64,
     /// Probability that a car is missed in a frame, 0–1.
@@ -63,6 +65,7 @@ impl Seeing {
             along_m: 0.0,
             heading_sd: 0.0,
             bias: 0.0,
+            sd_ratio: 1.0,
             box_sd_px: 0.0,
             missed: 0.0,
             false_alarms: 0.0,
@@ -78,6 +81,7 @@ impl Seeing {
             along_m: 0.3,
             heading_sd: 0.08,
             bias: 0.4,
+            sd_ratio: 1.0,
             box_sd_px: 1.0,
             missed: 0.05,
             false_alarms: 0.02,
@@ -184,7 +188,8 @@ impl World {
                 let root = noise_root(pose, seeing);
                 let error = root * (biases[k] * seeing.bias.sqrt() + draw * (1.0 - seeing.bias).sqrt());
                 let turn = if turned { std::f64::consts::PI } else { 0.0 };
-                let covariance = root * root.transpose() + Matrix3::identity() * 1e-12;
+                let covariance =
+                    root * root.transpose() / seeing.sd_ratio.powi(2) + Matrix3::identity() * 1e-12;
                 cars.push(CarMeasurement {
                     pose: GroundPose {
                         x_m: pose.x_m + error.x,
