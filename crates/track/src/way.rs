@@ -196,8 +196,7 @@ fn solve(
 fn white(sightings: &[Sighting], place: &Place, seen: &Sighting, noise: Noise) -> Matrix3<f64> {
     let mut covariance = seen.covariance * noise.white();
     // A bias of the heading contradicts the path. So a driving car's keypoints count once per view, not once per frame.
-    covariance[(2, 2)] +=
-        seen.covariance[(2, 2)] * noise.bias(seen.from_box) * per_view(sightings, place.nearest);
+    covariance[(2, 2)] += seen.covariance[(2, 2)] * per_view(sightings, place.nearest);
     covariance
 }
 
