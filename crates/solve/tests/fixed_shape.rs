@@ -8,8 +8,7 @@ use roadplane_synth::{Rng, SynthOptions, scene};
 /// Sd of the fixed shape coefficients.
 const SHAPE_SD: f64 = 0.5;
 
-/// Returns the rms of the normalised errors of x, y and heading over many cars. The shape has this sd, and the fit is told
-/// `stated_sd`.
+/// Returns the rms of the normalised errors of x, y and heading over many cars. The prior of the shape states this sd.
 fn normalised(atlas: &ShapeAtlas, stated_sd: f64) -> [f64; 3] {
     let options = SceneOptions { atlas_residual_scale: 0.0, ..SceneOptions::default() };
     let asked =
@@ -25,12 +24,12 @@ fn normalised(atlas: &ShapeAtlas, stated_sd: f64) -> [f64; 3] {
         };
         for car in &truth.cars {
             let error = Shape::from_fn(|_, _| SHAPE_SD * rng.normal());
-            let known = ShapePrior::fixed_at(
+            let prior = ShapePrior::fixed_at(
                 atlas.clamped(&(car.shape + error)),
                 Matrix6::identity() * stated_sd.powi(-2),
             );
             let plane = truth.params.plane();
-            let Some(fit) = fit_car(atlas, &camera, &plane, &car.keypoints, &known, None, &options) else {
+            let Some(fit) = fit_car(atlas, &camera, &plane, &car.keypoints, &prior, None, &options) else {
                 continue;
             };
             let turn = angle_difference(fit.car.ground.heading_rad, car.pose.heading_rad);
