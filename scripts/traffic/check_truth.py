@@ -11,6 +11,7 @@ them, and gives both to the program in pixels. It computes the true figures from
 - counts: vehicles per gate and direction. A vehicle counts if at least 30 % of it is visible at the line, on 24 px, as
   in `roadplane-lab eval run`. Others neither need to be counted nor are wrong.
 - errors: rms of the normalised error, and the share of errors within 1.96 sds, for each continuous figure
+- conflicts: pairs of the true tracks, pairs that are listed, and listed pairs that are true. No vehicle crashes.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ import csv
 import subprocess
 import sys
 import tempfile
-from collections import defaultdict
+from collections import Counter, defaultdict
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from pixel_gates import write_gates
-from truth_paths import Crossing, VehiclePath, border_s, crossings_of, inside, true_paths
+from truth_paths import Crossing, VehiclePath, border_s, crossings_of, inside, true_paths, true_paths_by_id
 
 from roadplane_train.json_files import read_json
 from roadplane_train.render.camera import Camera
@@ -37,6 +38,7 @@ NEAREST_M = 1.0  # depth of a point of a gate
 # A counted vehicle is a true one if their times and places at the line differ by less.
 SAME_S, SAME_M = 1.5, 2.0
 GATE_SHARES = (0.25, 0.5, 0.75)  # places of the gates along the traffic, as quantiles of the vehicles' positions
+LEAST_IOU = 0.5
 KMH = 3.6
 
 
@@ -47,6 +49,7 @@ class Tally:
     errors: dict[str, list[tuple[float, float]]] = field(default_factory=lambda: defaultdict(list))
     counts: list[tuple[str, int, int, int, int, int, int]] = field(default_factory=list)
     v85: list[tuple[float, float]] = field(default_factory=list)
+    conflicts: list[tuple[int, int, int]] = field(default_factory=list)
     stays: list[tuple[int, int, int]] = field(default_factory=list)
 
     def add(self, figure: str, error: float, sd: float) -> None:
@@ -138,6 +141,51 @@ def compare(run: Path, truth_file: Path, binary: Path, folder: Path, tally: Tall
                 tally.v85.append((float(listed["v85_kmh"]), true_v85))
     if zone is not None:
         compare_stays(out, paths, zone, tally)
+    compare_conflicts(run, truth, out, folder, binary, tally)
+
+
+def vehicles_of(run: Path, truth: dict) -> dict[int, int]:
+    """Returns the true vehicle of each track: the one that most of its observed boxes show."""
+    boxes = {frame["frame"]: frame["cars"] for frame in truth["frames"]}
+    votes: dict[int, Counter[int]] = defaultdict(Counter)
+    for row in csv.DictReader((run / "tracks.csv").open()):
+        cars = boxes.get(int(row["frame"]), [])
+        if row["observed"] != "true" or not cars:
+            continue
+        box = np.array([float(row[f"bbox_{side}_px"]) for side in ("x0", "y0", "x1", "y1")])
+        others = np.array([car["box"] for car in cars])
+        size = np.clip(np.minimum(box[2:], others[:, 2:]) - np.maximum(box[:2], others[:, :2]), 0, None).prod(1)
+        area = np.prod(box[2:] - box[:2]) + (others[:, 2:] - others[:, :2]).prod(1)
+        shared = size / (area - size)
+        if shared.max() > LEAST_IOU:
+            votes[int(row["track"])][cars[int(shared.argmax())]["id"]] += 1
+    return {track: of_track.most_common(1)[0][0] for track, of_track in votes.items()}
+
+
+def compare_conflicts(run: Path, truth: dict, out: Path, folder: Path, binary: Path, tally: Tally) -> None:
+    """Compares the listed conflicts with those of the true tracks, which the program gets as a table."""
+    lines = ["time_s,track,x_m,y_m,heading_rad,speed_mps,length_m,width_m,class"]
+    for number, path in true_paths_by_id(truth).items():
+        size = next(model["dims_m"] for model in truth["models"] if model["id"] == number)
+        for i, time_s in enumerate(path.times):
+            place = ",".join(f"{value:.4f}" for value in (*path.centres[i], path.headings[i], path.speeds[i], *size[:2]))
+            # A truck's position is the centre of its body, as these positions are.
+            lines.append(f"{time_s:.3f},{number},{place},truck")
+    table = folder / f"{run.name}-truth.csv"
+    table.write_text("\n".join(lines) + "\n")
+    told = folder / f"{run.name}-truth"
+    subprocess.run([binary, "traffic", table, "--out", told], check=True, capture_output=True)
+    of_track = vehicles_of(run, truth)
+    true = {(int(row["first"]), int(row["second"])): row for row in csv.DictReader((told / "conflicts.csv").open())}
+    listed = list(csv.DictReader((out / "conflicts.csv").open()))
+    right = set()
+    for row in listed:
+        pair = of_track.get(int(row["first"])), of_track.get(int(row["second"]))
+        if pair in true:
+            right.add(pair)
+            if row["pet_s"] and true[pair]["pet_s"] and float(row["pet_sd_s"]) > 0:
+                tally.add("PET", float(row["pet_s"]) - float(true[pair]["pet_s"]), float(row["pet_sd_s"]))
+    tally.conflicts.append((len(true), len(listed), len(right)))
 
 
 def matched(mine: list[Crossing], theirs: list[dict]) -> dict[int, int]:
@@ -211,6 +259,7 @@ def report(tally: Tally, every: bool) -> None:
     print(f"counts: {len(number)} gates and directions, {number.sum()} vehicles, {needed.sum()} of them clear to see")
     print(f"        {counted.sum()} counted, {wrong.sum()} missed or wrong; {right.sum()} intervals hold the number")
     print("whole stays: true, clear, found:", *np.sum(tally.stays, axis=0))
+    print("conflicts: true, listed, of them true:", *np.sum(tally.conflicts, axis=0))
     for figure, pairs in tally.errors.items():
         error, sd = np.array(pairs).T
         rms, normalised = (np.sqrt((values**2).mean()) for values in (error, error / sd))

@@ -24,6 +24,11 @@ class VehiclePath:
 
 def true_paths(truth: dict) -> list[VehiclePath]:
     """Returns the paths of all vehicles with two frames or more."""
+    return list(true_paths_by_id(truth).values())
+
+
+def true_paths_by_id(truth: dict) -> dict[int, VehiclePath]:
+    """Returns the paths of all vehicles with two frames or more, by their ids."""
     models = {model["id"]: model for model in truth["models"]}
     rows: dict[int, list] = defaultdict(list)
     for frame in truth["frames"]:
@@ -37,13 +42,13 @@ def true_paths(truth: dict) -> list[VehiclePath]:
             clear = car["visible_share"] >= LEAST_SHARE and (box[2:] - box[:2]).max() >= LEAST_PX
             heading = np.arctan2(pose[1, 0], pose[0, 0])
             rows[car["id"]].append((frame["time_s"], *centre, heading, car["speed_mps"], clear))
-    paths = []
+    paths = {}
     for number, listed in rows.items():
         if len(listed) > 1:
             table = np.array(listed, float)
             length_m = models[number]["dims_m"][0]
             times, x, y, headings, speeds, clear = table.T
-            paths.append(VehiclePath(times, np.stack([x, y], 1), np.unwrap(headings), speeds, clear > 0, length_m))
+            paths[number] = VehiclePath(times, np.stack([x, y], 1), np.unwrap(headings), speeds, clear > 0, length_m)
     return paths
 
 
