@@ -173,10 +173,10 @@ def compare_conflicts(run: Path, truth: dict, out: Path, folder: Path, binary: P
             lines.append(f"{time_s:.3f},{number},{place},truck")
     table = folder / f"{run.name}-truth.csv"
     table.write_text("\n".join(lines) + "\n")
-    told = folder / f"{run.name}-truth"
-    subprocess.run([binary, "traffic", table, "--out", told], check=True, capture_output=True)
+    expected = folder / f"{run.name}-truth"
+    subprocess.run([binary, "traffic", table, "--out", expected], check=True, capture_output=True)
     of_track = vehicles_of(run, truth)
-    true = {(int(row["first"]), int(row["second"])): row for row in csv.DictReader((told / "conflicts.csv").open())}
+    true = {(int(row["first"]), int(row["second"])): row for row in csv.DictReader((expected / "conflicts.csv").open())}
     listed = list(csv.DictReader((out / "conflicts.csv").open()))
     right = set()
     for row in listed:
