@@ -23,12 +23,13 @@ import csv
 import subprocess
 import sys
 import tempfile
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from roadplane_train.detect.metrics import overlaps
 from roadplane_train.json_files import read_json
+from roadplane_train.render.camera import Camera
 
 ROOT = Path(__file__).resolve().parents[2]
 MIN_IOU = 0.5
@@ -39,36 +40,10 @@ RANGES_M = [(0, 30), (30, 60), (60, 100), (100, 1000)]
 COLUMNS = {"track": 0, "distance": 1, "error": slice(2, 4), "sd": slice(4, 6), "speed": 6, "visible": 7}
 
 
-@dataclass
-class World:
-    """The axes of the world of `roadplane`: the origin is below the camera, and y is the viewing direction."""
-
-    camera_from_world: np.ndarray
-    right: np.ndarray
-    ahead: np.ndarray
-
-    @classmethod
-    def of(cls, camera: dict) -> World:
-        """Returns the world of a true camera."""
-        up = np.array(camera["plane_in_camera"]["normal"])
-        ahead = np.array([0.0, 0.0, 1.0]) - up * up[2]
-        ahead /= np.linalg.norm(ahead)
-        return cls(np.array(camera["camera_from_world"]), np.cross(ahead, up), ahead)
-
-    def pose(self, world_from_car: np.ndarray) -> tuple[float, float, float]:
-        """Returns x, y and heading of a car, m and rad."""
-        turn = self.camera_from_world[:3, :3]
-        place = turn @ world_from_car[:3, 3] + self.camera_from_world[:3, 3]
-        forward = turn @ world_from_car[:3, 0]
-        return place @ self.right, place @ self.ahead, np.arctan2(forward @ self.ahead, forward @ self.right)
-
-
-def overlap(box: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Returns the intersections of a box [4] with others [n, 4] over their unions."""
-    low, high = np.maximum(box[:2], others[:, :2]), np.minimum(box[2:], others[:, 2:])
-    shared = np.clip(high - low, 0, None).prod(1)
-    area = [np.prod(b[..., 2:] - b[..., :2], axis=-1) for b in (box, others)]
-    return shared / (area[0] + area[1] - shared)
+def pose_of(world_from_truth: np.ndarray, car: dict) -> tuple[float, float, float]:
+    """Returns x, y and heading of a true car in the world of `roadplane`, m and rad."""
+    pose = world_from_truth @ np.array(car["world_from_car"])
+    return pose[0, 3], pose[1, 3], np.arctan2(pose[1, 0], pose[0, 0])
 
 
 def track(frames: Path, camera: dict, out: Path, binary: Path) -> None:
@@ -85,7 +60,7 @@ def track(frames: Path, camera: dict, out: Path, binary: Path) -> None:
 
 def rows_of(truth: dict, tracks: Path, clip: int) -> list[list[float]]:
     """Returns the rows of tracks that show a car."""
-    world = World.of(truth["camera"])
+    world_from_truth = np.linalg.inv(Camera.of(truth["camera"]).camera_from_world) @ truth["camera"]["camera_from_world"]
     kinds = {model["id"]: model["class"] for model in truth["models"]}
     cars = {frame["frame"]: frame["cars"] for frame in truth["frames"]}
     rows = []
@@ -94,11 +69,11 @@ def rows_of(truth: dict, tracks: Path, clip: int) -> list[list[float]]:
         if row["observed"] != "true" or row["class"] != "car" or not found:
             continue
         box = np.array([float(row[f"bbox_{side}_px"]) for side in ("x0", "y0", "x1", "y1")])
-        overlaps = overlap(box, np.array([car["box"] for car in found]))
-        car = found[int(overlaps.argmax())]
-        x, y, heading = world.pose(np.array(car["world_from_car"]))
+        shared = overlaps(box[None], np.array([car["box"] for car in found]))[0][0]
+        car = found[int(shared.argmax())]
+        x, y, heading = pose_of(world_from_truth, car)
         turn = np.angle(np.exp(1j * (float(row["heading_rad"]) - heading)))
-        if overlaps.max() < MIN_IOU or kinds[car["id"]] != "car" or abs(turn) > MOST_TURN:
+        if shared.max() < MIN_IOU or kinds[car["id"]] != "car" or abs(turn) > MOST_TURN:
             continue
         errors = [float(row["x_m"]) - x, float(row["y_m"]) - y]
         sds = [float(row["x_own_sd_m"]), float(row["y_own_sd_m"])]

@@ -27,8 +27,9 @@ from pathlib import Path
 
 import numpy as np
 from pixel_gates import write_gates
-from truth_paths import Crossing, VehiclePath, border_s, crossings_of, inside, true_paths, true_paths_by_id
+from truth_paths import Crossing, VehiclePath, border_s, crossings_of, inside, true_paths
 
+from roadplane_train.detect.metrics import overlaps
 from roadplane_train.json_files import read_json
 from roadplane_train.render.camera import Camera
 
@@ -103,7 +104,8 @@ def zone_between(gates: list[tuple[str, np.ndarray]]) -> np.ndarray | None:
 def compare(run: Path, truth_file: Path, binary: Path, folder: Path, tally: Tally) -> None:
     """Compares one run with its truth."""
     truth = read_json(truth_file)
-    paths, camera = true_paths(truth), Camera.of(truth["camera"])
+    by_id, camera = true_paths(truth), Camera.of(truth["camera"])
+    paths = list(by_id.values())
     gates = gates_of(paths, camera)
     zone = zone_between(gates)
     lines = {name: pixels(line, camera).tolist() for name, line in gates}
@@ -141,7 +143,7 @@ def compare(run: Path, truth_file: Path, binary: Path, folder: Path, tally: Tall
                 tally.v85.append((float(listed["v85_kmh"]), true_v85))
     if zone is not None:
         compare_stays(out, paths, zone, tally)
-    compare_conflicts(run, truth, out, folder, binary, tally)
+    compare_conflicts(run, truth, by_id, out, binary, tally)
 
 
 def vehicles_of(run: Path, truth: dict) -> dict[int, int]:
@@ -153,27 +155,24 @@ def vehicles_of(run: Path, truth: dict) -> dict[int, int]:
         if row["observed"] != "true" or not cars:
             continue
         box = np.array([float(row[f"bbox_{side}_px"]) for side in ("x0", "y0", "x1", "y1")])
-        others = np.array([car["box"] for car in cars])
-        size = np.clip(np.minimum(box[2:], others[:, 2:]) - np.maximum(box[:2], others[:, :2]), 0, None).prod(1)
-        area = np.prod(box[2:] - box[:2]) + (others[:, 2:] - others[:, :2]).prod(1)
-        shared = size / (area - size)
+        shared = overlaps(box[None], np.array([car["box"] for car in cars]))[0][0]
         if shared.max() > LEAST_IOU:
             votes[int(row["track"])][cars[int(shared.argmax())]["id"]] += 1
     return {track: of_track.most_common(1)[0][0] for track, of_track in votes.items()}
 
 
-def compare_conflicts(run: Path, truth: dict, out: Path, folder: Path, binary: Path, tally: Tally) -> None:
+def compare_conflicts(run: Path, truth: dict, paths: dict[int, VehiclePath], out: Path, binary: Path, tally: Tally) -> None:
     """Compares the listed conflicts with those of the true tracks, which the program gets as a table."""
     lines = ["time_s,track,x_m,y_m,heading_rad,speed_mps,length_m,width_m,class"]
-    for number, path in true_paths_by_id(truth).items():
-        size = next(model["dims_m"] for model in truth["models"] if model["id"] == number)
+    sizes = {model["id"]: model["dims_m"][:2] for model in truth["models"]}
+    for number, path in paths.items():
         for i, time_s in enumerate(path.times):
-            place = ",".join(f"{value:.4f}" for value in (*path.centres[i], path.headings[i], path.speeds[i], *size[:2]))
+            place = ",".join(f"{value:.4f}" for value in (*path.centres[i], path.headings[i], path.speeds[i], *sizes[number]))
             # A truck's position is the centre of its body, as these positions are.
             lines.append(f"{time_s:.3f},{number},{place},truck")
-    table = folder / f"{run.name}-truth.csv"
+    table = out.with_name(f"{run.name}-truth.csv")
     table.write_text("\n".join(lines) + "\n")
-    expected = folder / f"{run.name}-truth"
+    expected = table.with_suffix("")
     subprocess.run([binary, "traffic", table, "--out", expected], check=True, capture_output=True)
     of_track = vehicles_of(run, truth)
     true = {(int(row["first"]), int(row["second"])): row for row in csv.DictReader((expected / "conflicts.csv").open())}

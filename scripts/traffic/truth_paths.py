@@ -22,12 +22,7 @@ class VehiclePath:
     length_m: float
 
 
-def true_paths(truth: dict) -> list[VehiclePath]:
-    """Returns the paths of all vehicles with two frames or more."""
-    return list(true_paths_by_id(truth).values())
-
-
-def true_paths_by_id(truth: dict) -> dict[int, VehiclePath]:
+def true_paths(truth: dict) -> dict[int, VehiclePath]:
     """Returns the paths of all vehicles with two frames or more, by their ids."""
     models = {model["id"]: model for model in truth["models"]}
     rows: dict[int, list] = defaultdict(list)

@@ -40,9 +40,9 @@ impl Figures {
             };
             let limits = ConflictLimits::default();
             let all = conflicts(clip, &limits);
-            figures.doubtful_conflicts += all.len() as u64;
+            let count = all.len();
             let sound = sound(all, &limits);
-            figures.doubtful_conflicts -= sound.len() as u64;
+            figures.doubtful_conflicts += (count - sound.len()) as u64;
             figures.conflicts.extend(sound.into_iter().map(row));
         }
         figures

@@ -64,11 +64,6 @@ impl GatesFile {
         Ok(Self { path: path.to_path_buf(), coordinates, shapes })
     }
 
-    /// Whether the points are pixels.
-    pub(super) fn are_pixels(&self) -> bool {
-        matches!(self.coordinates, Coordinates::Pixels { .. })
-    }
-
     /// Returns the frame of the picture with the points; `None` if they are no pixels.
     pub(super) fn frame(&self) -> Option<u64> {
         match self.coordinates {
@@ -95,7 +90,7 @@ impl GatesFile {
             }
             let middle = points.iter().sum::<Vector2<f64>>() / points.len() as f64;
             let shared_sd_m =
-                world.filter(|_| !self.are_pixels()).map_or(0.0, |world| world.position_sd(&middle));
+                world.filter(|_| self.frame().is_none()).map_or(0.0, |world| world.position_sd(&middle));
             gates.push(Gate { name: shape.name.clone(), line: points, shared_sd_m });
         }
         Ok((gates, zones))
