@@ -79,6 +79,16 @@ class Geometry(unittest.TestCase):
         middle = view.picture_from_world_px([639.5, 359.5])
         np.testing.assert_allclose(middle, [639.5 - 1.2 * camera.focal_px * np.tan(0.1), 359.5])
 
+    def test_a_view_keeps_the_lens(self) -> None:
+        params = np.array([7.0, 0.2, -0.01, 2.0])
+        camera = Camera((0, 9), (1280, 720), (639.5, 359.5), params, np.eye(4), "estimated", bend=-0.1, bend_sd=0.01)
+        half = View(np.diag([0.5, 0.5, 1.0]) + np.array([[0, 0, 319.75], [0, 0, 179.75], [0, 0, 0]]), camera)
+        pixels = np.array([[100.0, 50.0], [1200.0, 700.0]])
+        np.testing.assert_allclose(half.world_from_picture_px(half.picture_from_world_px(pixels)), pixels)
+        # Towards the border, the lens shrinks the picture.
+        away = half.picture_from_world_px([1200.0, 359.5])[0] - 639.5
+        self.assertGreater(away, 0.5 * (1200 - 639.5) + 5)
+
     def test_repr_is_short(self) -> None:
         camera = Camera((0, 9), (1280, 720), (639.5, 359.5), np.array([7.0, 0.2, -0.01, 2.0]), np.eye(4), "estimated")
         expected = "Camera(1280 × 720 px, 0–9 s, f 1097 px, tilt 11.5°, roll -0.6°, height 7.39 m, estimated)"
@@ -176,6 +186,16 @@ class FinishedRun(unittest.TestCase):
             bare = roadplane.load(self._without_parquet(Path(folder)))
             self.assertEqual(list(bare.poses()), list(self.found.poses()))
             self.assertEqual(len(bare.poses()) + len(bare.poses("polars")), 0)
+
+    def test_a_view_keeps_the_lens(self) -> None:
+        params = np.array([7.0, 0.2, -0.01, 2.0])
+        camera = Camera((0, 9), (1280, 720), (639.5, 359.5), params, np.eye(4), "estimated", bend=-0.1, bend_sd=0.01)
+        half = View(np.diag([0.5, 0.5, 1.0]) + np.array([[0, 0, 319.75], [0, 0, 179.75], [0, 0, 0]]), camera)
+        pixels = np.array([[100.0, 50.0], [1200.0, 700.0]])
+        np.testing.assert_allclose(half.world_from_picture_px(half.picture_from_world_px(pixels)), pixels)
+        # Towards the border, the lens shrinks the picture.
+        away = half.picture_from_world_px([1200.0, 359.5])[0] - 639.5
+        self.assertGreater(away, 0.5 * (1200 - 639.5) + 5)
 
     def test_repr_is_short(self) -> None:
         self.assertEqual(repr(self.found), f"Run({str(self.run_folder)!r}, 1 camera)")

@@ -50,8 +50,13 @@ impl Homography {
     /// Returns the numbers of [`Self::numbers`], rounded as files store them. They are those of a mapping of pixels.
     #[must_use]
     pub fn rounded_numbers(&self) -> [f64; 8] {
+        Self::rounded(self.numbers())
+    }
+
+    /// Rounds numbers of a mapping of pixels, or changes of them, as files store them.
+    #[must_use]
+    pub fn rounded(mut numbers: [f64; 8]) -> [f64; 8] {
         const DIGITS: [f64; 8] = [1e8, 1e8, 1e4, 1e8, 1e8, 1e4, 1e11, 1e11];
-        let mut numbers = self.numbers();
         // Adding zero turns a negative zero into zero.
         numbers.iter_mut().zip(DIGITS).for_each(|(n, digits)| *n = (*n * digits).round() / digits + 0.0);
         numbers

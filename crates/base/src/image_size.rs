@@ -4,7 +4,7 @@ use nalgebra::Vector2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::Homography;
+use crate::PictureMotion;
 
 /// Width and height of an image, px.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -44,7 +44,7 @@ impl ImageSize {
     /// Returns the part of the world picture that an image of a moving camera shows, as a box, px. Without a mapping it is
     /// the whole image.
     #[must_use]
-    pub fn part_in_view_px(self, picture_from_world: Option<&Homography>) -> [f64; 4] {
+    pub fn part_in_view_px(self, picture_from_world: Option<&PictureMotion>) -> [f64; 4] {
         let whole = self.picture_px();
         picture_from_world.map_or(whole, |mapping| mapping.inverse().apply_to_box(&whole))
     }

@@ -51,6 +51,7 @@ mod homography;
 mod image_size;
 mod keypoint;
 mod lens;
+mod picture_motion;
 mod plane;
 mod pose;
 mod records;
@@ -79,12 +80,13 @@ pub use keypoint::{
     KEYPOINTS, Keypoint, KeypointSet, MIN_KEYPOINTS, keypoint_names, mirror_index, skeleton_edges,
 };
 pub use lens::Lens;
+pub use picture_motion::PictureMotion;
 pub use plane::GroundPlane;
 pub use pose::{GroundPose, angle_difference, fold_axis, wrap_angle};
 pub use records::{
     CameraEstimate, CameraMove, CameraStatus, CarRecord, CarRef, FrameRecord, MoveKind, NotFollowedReason,
-    OnMap, PictureVerdict, PoseRecord, RecordError, Registration, TrackRow, VehicleClass, WatchRecord,
-    WeakBox, rows_from_isometry,
+    OnMap, PictureVerdict, PoseRecord, RecordError, RegisteredLens, Registration, TrackRow, VehicleClass,
+    WatchRecord, WeakBox, rows_from_isometry,
 };
 pub use robust::{StudentT, median, upper_median, weighted_median};
 pub use scene_line::{SceneCurve, SceneLine};

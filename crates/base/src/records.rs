@@ -16,4 +16,6 @@ pub use frame::FrameRecord;
 pub use pose::{PoseRecord, rows_from_isometry};
 pub use track_row::{OnMap, TrackRow};
 pub use vehicle_class::VehicleClass;
-pub use watch::{CameraMove, MoveKind, NotFollowedReason, PictureVerdict, Registration, WatchRecord};
+pub use watch::{
+    CameraMove, MoveKind, NotFollowedReason, PictureVerdict, RegisteredLens, Registration, WatchRecord,
+};

@@ -8,8 +8,8 @@ use nalgebra::{Isometry3, Matrix4, UnitQuaternion, Vector2, Vector3};
 use roadplane_base::{
     CameraEstimate, CameraEvidence, CameraMove, CameraParams, CameraPrior, CameraStatus, CarRecord, CarRef,
     ClipIdentity, EVIDENCE_SCHEMA, Frame, FrameRecord, FrameStamp, ImageSize, KEYPOINTS, Lens, MoveKind,
-    ParkedCar, PictureVerdict, RecordError, Registration, SceneCurve, SceneLine, TrackRow, VehicleClass,
-    WatchRecord, WeakBox, rows_from_isometry,
+    ParkedCar, PictureVerdict, RecordError, RegisteredLens, Registration, SceneCurve, SceneLine, TrackRow,
+    VehicleClass, WatchRecord, WeakBox, rows_from_isometry,
 };
 use serde_json::{Value, json};
 
@@ -44,6 +44,11 @@ fn frame() -> FrameRecord {
             reference: 2,
             homography: Some([1.0, 0.01, 3.5, -0.01, 1.0, -2.0, 1e-5, 0.0]),
             sd_px: 0.2,
+            lens: Some(RegisteredLens {
+                bend: -0.02,
+                sd: 0.003,
+                change: [0.5, 0.0, -40.0, 0.0, 0.5, 3.0, 1e-4, 0.0],
+            }),
         }],
         place: None,
         picture_from_world: None,

@@ -1,6 +1,6 @@
-//! Estimates the lens distortion from long edges of the scene.
+//! Estimates the lens distortion from long edges of the scene, and from the turns of the camera.
 //!
-//! This is the plumb-line method (Brown 1971). The use of single edges and the search over the distortion follow
+//! Edges: this is the plumb-line method (Brown 1971). The use of single edges and the search over the distortion follow
 //! Alemán-Flores et al. (IPOL 2014).
 //!
 //! Most long edges of streets and houses are straight, some are curved, and no label says which. Once the correct
@@ -13,7 +13,11 @@
 //! good lens, or if the camera corrects it. Otherwise the distortion grows with the picture's width relative to the
 //! focal length.
 //!
-//! The lens is used only if it explains the edges a hundred times better than no distortion (a Bayes factor). Also, no
+//! Turns: pictures of a camera that turns fit each other only through the right lens ([`TurnedLens`]). They count as one
+//! measurement of the distortion. If it is more accurate than the assumption of no distortion, the lens is the posterior
+//! mean.
+//!
+//! Otherwise the lens is used only if it explains the edges a hundred times better than no distortion (a Bayes factor). Also, no
 //! side of the picture may be the only one in favour of it. Otherwise the picture counts as free of distortion. The
 //! remaining uncertainty of the distortion is an error that all cars share.
 
@@ -21,6 +25,8 @@ use std::f64::consts::TAU;
 
 use nalgebra::Vector2;
 use roadplane_base::{ImageSize, Lens, SceneCurve};
+
+use crate::turned_lens::TurnedLens;
 
 /// Largest number of edges that are used. Our files have fewer; files of other programs may have any number.
 const MOST_CURVES: usize = 300;
@@ -38,8 +44,10 @@ const KINDS: usize = SHARES.len() * CROOKED_PX.len();
 const STRAY_SHARE: f64 = 0.0035;
 /// Range of the distortion on the grid ([`Lens::distortion`], dimensionless).
 const BENDS: [f64; 2] = [-0.6, 0.2];
-/// Step of the grid of distortions (dimensionless).
+/// Step of the grid of distortions (dimensionless). A turn that shows the distortion more accurately makes a finer one.
 const STEP: f64 = 0.0025;
+/// Reach of a finer grid to either side of the turn's distortion, and its step, in sds.
+const FINE: [f64; 2] = [6.0, 0.25];
 /// Prior share of pictures without distortion.
 const STRAIGHT_SHARE: f64 = 0.4;
 /// Sd of the distortion that a picture has although it counts as free of distortion (dimensionless).
@@ -49,14 +57,18 @@ const K1: [f64; 2] = [-0.12, 0.15];
 /// Greatest k1 of these lenses, in OpenCV's convention.
 const GREATEST_K1: f64 = 0.05;
 
-/// Likelihood of the lens distortion, given the edges of a site.
+/// Likelihood of the lens distortion, given the edges of a site and the turns of the camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LensView {
     /// Size of the picture.
     size: ImageSize,
-    /// Whether there are no edges.
+    /// Whether there are no edges and no turns.
     is_bare: bool,
-    /// Log likelihood of the edges of each side of the picture, for each of [`KINDS`], over [`bends`].
+    /// Grid of distortions.
+    bends: Vec<f64>,
+    /// Distortion that the turns of the camera show.
+    turned: Option<TurnedLens>,
+    /// Log likelihood of the edges of each side of the picture, for each of [`KINDS`], over `bends`.
     sides: [[Vec<f64>; KINDS]; SIDES],
 }
 
@@ -75,15 +87,16 @@ pub struct LensFound {
 pub type LogFocal = [f64; 2];
 
 impl LensView {
-    /// Computes the likelihood from long edges of a site.
+    /// Computes the likelihood from long edges of a site, and from the turns of the camera.
     #[must_use]
-    pub fn of(curves: &[SceneCurve], size: ImageSize) -> Self {
+    pub fn of(curves: &[SceneCurve], turned: Option<TurnedLens>, size: ImageSize) -> Self {
         let curves = &curves[..curves.len().min(MOST_CURVES)];
         let stray_px = STRAY_SHARE * f64::from(size.width);
-        let mut sides = std::array::from_fn(|_| std::array::from_fn(|_| vec![0.0; bends().count()]));
+        let bends = grid(turned);
+        let mut sides = std::array::from_fn(|_| std::array::from_fn(|_| vec![0.0; bends.len()]));
         for curve in curves.iter().filter(|curve| curve.is_sound()) {
             let side: &mut [Vec<f64>; KINDS] = &mut sides[side_of(curve, size)];
-            for (i, bend) in bends().enumerate() {
+            for (i, bend) in bends.iter().copied().enumerate() {
                 let off_px = off_line(curve, Lens::with_distortion(bend, size), size);
                 let stray = (-off_px.abs() / stray_px).exp() / (2.0 * stray_px);
                 let straight = CROOKED_PX.map(|crooked_px| {
@@ -96,21 +109,28 @@ impl LensView {
                 }
             }
         }
-        Self { size, is_bare: curves.is_empty(), sides }
+        Self { size, is_bare: curves.is_empty() && turned.is_none(), bends, turned, sides }
     }
 
-    /// Returns the log likelihood over [`bends`] of the edges of all sides except `but`.
+    /// Returns the log likelihood over the grid of the turns, and of the edges of all sides except `but`.
     fn logs(&self, but: Option<usize>) -> Vec<f64> {
         let sides = || (0..SIDES).filter(|side| but != Some(*side)).map(|side| &self.sides[side]);
         let of_kind = |i: usize, kind: usize| sides().map(|side| side[kind][i]).sum::<f64>();
-        (0..bends().count()).map(|i| log_sum((0..KINDS).map(|kind| of_kind(i, kind)))).collect()
+        let of_turns = |bend: f64| self.turned.map_or(0.0, |turned| turned.log_likelihood(bend));
+        let bends = self.bends.iter().enumerate();
+        bends.map(|(i, bend)| of_turns(*bend) + log_sum((0..KINDS).map(|kind| of_kind(i, kind)))).collect()
     }
 
-    /// Returns the lens if the edges show one. The cars are not used.
+    /// Returns the lens if the edges or the turns show one. The cars are not used.
     #[must_use]
     pub fn found(&self, log_focal: LogFocal) -> Option<LensFound> {
         if self.is_bare {
             return None;
+        }
+        if self.turned.is_some_and(|turned| turned.sd <= STRAIGHT_SD) {
+            let [mean, sd] = self.moments(&self.prior(log_focal, STRAIGHT_SHARE))?;
+            let lens = Lens::with_distortion(mean, self.size);
+            return Some(LensFound { lens, bend_sd: sd, gain: f64::INFINITY });
         }
         let bent = self.prior(log_focal, 0.0);
         let straight = self.prior(log_focal, 1.0);
@@ -133,11 +153,17 @@ impl LensView {
         })
     }
 
+    /// Returns the posterior mean and sd of the distortion, given the focal length.
+    #[must_use]
+    pub fn distortion(&self, log_focal: LogFocal) -> [f64; 2] {
+        self.moments(&self.prior(log_focal, STRAIGHT_SHARE)).unwrap_or_default()
+    }
+
     /// Returns the sd of the distortion about that of `lens`, given the focal length.
     #[must_use]
     pub fn sd_about(&self, lens: Lens, log_focal: LogFocal) -> f64 {
-        let prior = self.prior(log_focal, STRAIGHT_SHARE);
-        self.moments(&prior).map_or(0.0, |[mean, sd]| (mean - lens.distortion(self.size)).hypot(sd))
+        let [mean, sd] = self.distortion(log_focal);
+        (mean - lens.distortion(self.size)).hypot(sd)
     }
 
     /// Returns the prior density of each distortion on the grid, averaged over the focal length.
@@ -146,12 +172,12 @@ impl LensView {
     fn prior(&self, [log_focal, sd]: LogFocal, straight_share: f64) -> Vec<f64> {
         /// Steps over log focal length to either side of its mean.
         const STEPS: i32 = 10;
-        let mut prior = vec![0.0; bends().count()];
+        let mut prior = vec![0.0; self.bends.len()];
         for step in -STEPS..=STEPS {
             let z = 2.5 * f64::from(step) / f64::from(STEPS);
             let [mean, sd] = bend_of_lenses((log_focal + z * sd).exp(), self.size);
             let weight = (-0.5 * z * z).exp();
-            for (density, bend) in prior.iter_mut().zip(bends()) {
+            for (density, bend) in prior.iter_mut().zip(self.bends.iter().copied()) {
                 let bent = normal((bend - mean) / sd) / sd;
                 let straight = normal(bend / STRAIGHT_SD) / STRAIGHT_SD;
                 *density += weight * ((1.0 - straight_share) * bent + straight_share * straight);
@@ -168,10 +194,13 @@ impl LensView {
         let weights: Vec<f64> =
             logs.iter().zip(prior).map(|(log, prior)| (log - most).exp() * prior).collect();
         let sum: f64 = weights.iter().sum();
-        let mean = bends().zip(&weights).map(|(bend, weight)| bend * weight).sum::<f64>() / sum;
-        let variance =
-            bends().zip(&weights).map(|(bend, weight)| (bend - mean).powi(2) * weight).sum::<f64>() / sum;
-        (mean.is_finite() && variance.is_finite()).then(|| [mean, variance.sqrt().max(STEP)])
+        let mean_of = |value: &dyn Fn(f64) -> f64| {
+            self.bends.iter().zip(&weights).map(|(bend, weight)| value(*bend) * weight).sum::<f64>() / sum
+        };
+        let mean = mean_of(&|bend| bend);
+        let variance = mean_of(&|bend| (bend - mean).powi(2));
+        let step = self.bends.windows(2).map(|two| two[1] - two[0]).next().unwrap_or(STEP);
+        (mean.is_finite() && variance.is_finite()).then(|| [mean, variance.sqrt().max(step)])
     }
 }
 
@@ -191,10 +220,16 @@ pub(crate) fn bend_of_lenses(focal_px: f64, size: ImageSize) -> [f64; 2] {
     [K1[0] * wide, (K1[1] * wide).hypot(STRAIGHT_SD)]
 }
 
-/// Returns the grid of distortions.
-fn bends() -> impl Iterator<Item = f64> {
-    let count = ((BENDS[1] - BENDS[0]) / STEP).round() as usize;
-    (0..=count).map(|i| BENDS[0] + STEP * i as f64)
+/// Returns the grid of distortions: the whole range, or the part that an accurate turn allows, with a finer step.
+fn grid(turned: Option<TurnedLens>) -> Vec<f64> {
+    let accurate = turned.filter(|turned| FINE[1] * turned.sd < STEP);
+    let (ends, step) = accurate.map_or((BENDS, STEP), |turned| {
+        let reach = FINE[0] * turned.sd;
+        let middle = turned.bend.clamp(BENDS[0] + reach, BENDS[1] - reach);
+        ([middle - reach, middle + reach], FINE[1] * turned.sd)
+    });
+    let count = ((ends[1] - ends[0]) / step).round() as usize;
+    (0..=count).map(|i| ends[0] + step * i as f64).collect()
 }
 
 /// Returns the side of the picture's centre on which an edge's line passes, as an index from 0 (right, bottom, left,
@@ -261,7 +296,7 @@ mod tests {
     #[test]
     fn the_lens_is_found_among_bent_things() {
         for bend in [-0.25, -0.15, -0.05] {
-            let found = LensView::of(&curves(bend, 90), SIZE).found(ANY).unwrap();
+            let found = LensView::of(&curves(bend, 90), None, SIZE).found(ANY).unwrap();
             let off = found.lens.distortion(SIZE) - bend;
             assert!(off.abs() < 3.0 * found.bend_sd && found.bend_sd < 0.01, "{bend}: {found:?}");
         }
@@ -269,9 +304,9 @@ mod tests {
 
     #[test]
     fn straight_pictures_and_bare_ones_stay_straight() {
-        assert_eq!(LensView::of(&curves(0.0, 90), SIZE).found(ANY), None);
-        assert_eq!(LensView::of(&curves(-0.05, 3), SIZE).found(ANY), None);
-        assert_eq!(LensView::of(&[], SIZE).found(ANY), None);
+        assert_eq!(LensView::of(&curves(0.0, 90), None, SIZE).found(ANY), None);
+        assert_eq!(LensView::of(&curves(-0.05, 3), None, SIZE).found(ANY), None);
+        assert_eq!(LensView::of(&[], None, SIZE).found(ANY), None);
     }
 
     #[test]
@@ -284,16 +319,27 @@ mod tests {
         };
         let lanes: Vec<SceneCurve> = (0..8).map(lane).collect();
         let with_houses = [&lanes[..], &curves(0.0, 20)].concat();
-        assert_eq!(LensView::of(&lanes, SIZE).found(ANY), None);
-        assert_eq!(LensView::of(&with_houses, SIZE).found(ANY), None);
+        assert_eq!(LensView::of(&lanes, None, SIZE).found(ANY), None);
+        assert_eq!(LensView::of(&with_houses, None, SIZE).found(ANY), None);
+    }
+
+    #[test]
+    fn a_turn_shows_the_lens_more_accurately_than_the_grid() {
+        let turned = TurnedLens { bend: -0.0315, sd: 0.0008 };
+        let found = LensView::of(&[], Some(turned), SIZE).found(ANY).unwrap();
+        assert!((found.lens.distortion(SIZE) + 0.0315).abs() < 2e-4, "{found:?}");
+        assert!((found.bend_sd / 0.0008).ln().abs() < 0.1, "{found:?}");
+        // A small turn says less than the assumption of no distortion.
+        let vague = TurnedLens { bend: -0.0315, sd: 0.03 };
+        assert_eq!(LensView::of(&[], Some(vague), SIZE).found(ANY), None);
     }
 
     #[test]
     fn what_is_not_known_of_the_lens_depends_on_the_focal_length() {
-        let bare = LensView::of(&[], SIZE);
+        let bare = LensView::of(&[], None, SIZE);
         let sd = |focal_px: f64| bare.sd_about(Lens::STRAIGHT, [focal_px.ln(), 0.05]);
         assert!(sd(5000.0) < 0.01 && sd(1000.0) > 0.08, "{} {}", sd(5000.0), sd(1000.0));
-        let seen = LensView::of(&curves(0.0, 90), SIZE);
+        let seen = LensView::of(&curves(0.0, 90), None, SIZE);
         assert!(seen.sd_about(Lens::STRAIGHT, [1000_f64.ln(), 0.05]) < 0.006);
     }
 }

@@ -15,7 +15,7 @@
 //! SceneLine → verticals → Factor, with beside_a_witness(windows) → fuse     focal length from vertical lines
 //! CarHeading → parallel → Factor → fuse                                     focal length from parallel cars
 //! Registration → PlacesBuilder → Turns → Factor → fuse   focal length from turns and zooms
-//! SceneCurve → LensView → lens distortion and its sd, before any solve
+//! SceneCurve, Registration → TurnedLensBuilder → LensView   lens distortion and its sd, before any solve
 //! CameraEvidence of other clips → epochs → more WindowEstimates for fuse    camera database
 //! ```
 //!
@@ -37,6 +37,7 @@ mod prior;
 mod remember;
 mod select;
 mod stretch;
+mod turned_lens;
 mod turns;
 mod verticals;
 mod witness;
@@ -53,6 +54,7 @@ pub use places::{Places, PlacesBuilder};
 pub use prior::FusePrior;
 pub use remember::{Epoch, SameView, epochs, joins, same_vehicle};
 pub use select::{SelectOptions, View, ViewSelector};
+pub use turned_lens::{TurnedLens, TurnedLensBuilder};
 pub use turns::Turns;
 pub use verticals::{Verticals, verticals};
 pub use witness::beside_a_witness;

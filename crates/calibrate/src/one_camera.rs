@@ -11,7 +11,9 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use nalgebra::{Matrix3, Vector2};
-use roadplane_base::{CameraMove, FrameRecord, Homography, MoveKind, NotFollowedReason, PictureVerdict};
+use roadplane_base::{
+    CameraMove, FrameRecord, Homography, MoveKind, NotFollowedReason, PictureMotion, PictureVerdict,
+};
 
 use crate::places::Places;
 
@@ -23,7 +25,7 @@ const MAX_WAIT_S: f64 = 2.0;
 struct Position {
     time_s: f64,
     place: usize,
-    picture_from_world: Homography,
+    picture_from_world: PictureMotion,
 }
 
 /// An iterator over frames in the order of time that converts them to those of one camera; see the module.
@@ -76,7 +78,7 @@ impl<I> OneCamera<I> {
                 _ => before.picture_from_world,
             });
             let place = before.map_or(self.place, |before| before.place);
-            self.emit(frame, place, position.unwrap_or(Homography::IDENTITY), was_lost);
+            self.emit(frame, place, position.unwrap_or(PictureMotion::IDENTITY), was_lost);
         }
         let Some(frame) = inference else { return };
         match now {
@@ -84,7 +86,7 @@ impl<I> OneCamera<I> {
                 self.last = Some(now);
                 self.emit(frame, now.place, now.picture_from_world, self.lost);
             }
-            None => self.emit(frame, self.place, Homography::IDENTITY, self.lost),
+            None => self.emit(frame, self.place, PictureMotion::IDENTITY, self.lost),
         }
     }
 
@@ -94,10 +96,9 @@ impl<I> OneCamera<I> {
         let time_s = frame.time_s;
         self.lost = None;
         for registration in &watch.motion {
-            if let Some(placed) = self.places.placed(registration.reference) {
-                let picture_from_world =
-                    placed.reference_from_world.then(&registration.picture_from_reference());
-                return Some(Position { time_s, place: placed.place, picture_from_world });
+            if let Some((place, picture_from_world)) = self.places.position(registration, frame.image_size_px)
+            {
+                return Some(Position { time_s, place, picture_from_world });
             }
         }
         // Files of older versions have the shake in place of the motion.
@@ -112,7 +113,7 @@ impl<I> OneCamera<I> {
         };
         Some(
             self.last
-                .map_or(Position { time_s, place: 0, picture_from_world: Homography::IDENTITY }, |last| {
+                .map_or(Position { time_s, place: 0, picture_from_world: PictureMotion::IDENTITY }, |last| {
                     Position { time_s, ..last }
                 }),
         )
@@ -123,7 +124,7 @@ impl<I> OneCamera<I> {
         &mut self,
         mut frame: FrameRecord,
         place: usize,
-        picture_from_world: Homography,
+        picture_from_world: PictureMotion,
         lost: Option<NotFollowedReason>,
     ) {
         let is_lost = lost.is_some();
@@ -149,11 +150,11 @@ impl<I> OneCamera<I> {
                     watch.verdict = PictureVerdict::Rest;
                 }
             }
-            if picture_from_world != Homography::IDENTITY {
+            if !picture_from_world.is_identity() {
                 watch.picture_from_world = Some(picture_from_world);
             }
         }
-        if picture_from_world != Homography::IDENTITY {
+        if !picture_from_world.is_identity() {
             to_world(&mut frame, &picture_from_world.inverse());
         }
         self.ready.push_back(frame);
@@ -197,12 +198,12 @@ where
 }
 
 /// Returns the mapping of a picture that is shifted, px.
-fn shifted(by: Vector2<f64>) -> Homography {
-    Homography::new(Matrix3::new_translation(&by)).unwrap_or(Homography::IDENTITY)
+fn shifted(by: Vector2<f64>) -> PictureMotion {
+    Homography::new(Matrix3::new_translation(&by)).map_or(PictureMotion::IDENTITY, PictureMotion::from)
 }
 
 /// Converts the boxes, keypoints and lines of a frame to pixels of the world picture.
-fn to_world(frame: &mut FrameRecord, world_from_picture: &Homography) {
+fn to_world(frame: &mut FrameRecord, world_from_picture: &PictureMotion) {
     for car in &mut frame.cars {
         car.bbox_px = world_from_picture.apply_to_box(&car.bbox_px);
         if let Some(keypoints) = &mut car.keypoints {

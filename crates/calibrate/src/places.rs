@@ -1,5 +1,7 @@
 //! Finds where the reference pictures of a clip lie.
 //!
+//! All homographies are those of undistorted pixels: the lens is known before ([`crate::LensView`]).
+//!
 //! The watcher registers each picture on one or two earlier pictures, its references
 //! ([`roadplane_base::Registration`]). A picture on two references links them. References that are linked, directly or
 //! through others, show one *place*. All pixels of a place are converted to those of its first reference, the *world*
@@ -7,14 +9,14 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use roadplane_base::{FrameRecord, Homography, ImageSize};
+use roadplane_base::{FrameRecord, Homography, ImageSize, Lens, PictureMotion, Registration};
 
 use crate::adjust::{MeasuredLink, adjusted};
 use crate::turns::{Misfit, Turns};
 
 /// Least time for which pictures must lie on the references of a place, s. A flash or a lorry in front of the camera is
-/// shorter.
-const MIN_PLACE_S: f64 = 1.0;
+/// shorter. So are the places that a camera passes at 8 m/s: rendered, they last for up to 1.3 s.
+const MIN_PLACE_S: f64 = 2.0;
 /// Least number of pictures on the references of a place.
 const MIN_PICTURES: u64 = 4;
 /// Sd of a registration that comes on top of its own sd, px. It bounds the weight of a registration on itself.
@@ -43,22 +45,47 @@ struct Pictures {
 }
 
 /// Collects the registrations of a clip, frame by frame. Its memory grows with the number of references alone.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct PlacesBuilder {
+    lens: Lens,
+    /// Distortion at half the picture's width for the focal length from turns, and its sd (dimensionless).
+    turned: [f64; 2],
     /// Homography from the first reference to the second.
     links: BTreeMap<(u64, u64), Link>,
     pictures: BTreeMap<u64, Pictures>,
-    misfits: BTreeMap<u64, Misfit>,
+    /// Misfits with the distortion `turned`, and with one that is greater by its sd.
+    misfits: BTreeMap<u64, [Misfit; 2]>,
     size: Option<ImageSize>,
 }
 
 impl PlacesBuilder {
+    /// Creates a builder for a clip with this lens. `turned` is the mean and sd of the distortion ([`Lens::distortion`])
+    /// that the turns of the camera show. Only this is used for the focal length from turns: edges that are curved in
+    /// the world would make it wrong by more than its sd.
+    #[must_use]
+    pub fn new(lens: Lens, turned: [f64; 2]) -> Self {
+        Self {
+            lens,
+            turned,
+            links: BTreeMap::new(),
+            pictures: BTreeMap::new(),
+            misfits: BTreeMap::new(),
+            size: None,
+        }
+    }
+
     /// Takes the next frame.
     pub fn push(&mut self, frame: &FrameRecord) {
         let Some(watch) = frame.watch.as_ref().filter(|watch| watch.looked) else { return };
-        self.size = Some(frame.image_size_px);
+        let size = frame.image_size_px;
+        self.size = Some(size);
+        let bend = self.lens.distortion(size);
         if let Some(registration) = watch.motion.first() {
-            self.misfits.entry(registration.reference).or_default().add(frame, registration);
+            let misfits = self.misfits.entry(registration.reference).or_default();
+            let [mean, sd] = self.turned;
+            for (misfit, bend) in misfits.iter_mut().zip([mean, mean + sd]) {
+                misfit.add(registration, bend, size);
+            }
         }
         for (i, a) in watch.motion.iter().enumerate() {
             let (time_s, start) =
@@ -67,7 +94,7 @@ impl PlacesBuilder {
             (here.count, here.last_s) = (here.count + 1, here.last_s.max(time_s));
             for b in watch.motion.iter().skip(i + 1).filter(|b| b.reference != a.reference) {
                 let (from, to) = if a.reference < b.reference { (a, b) } else { (b, a) };
-                let link = from.picture_from_reference().then(&to.picture_from_reference().inverse());
+                let link = from.homography_for(bend).then(&to.homography_for(bend).inverse());
                 let variance = a.sd_px.powi(2) + b.sd_px.powi(2) + LEAST_SD_PX.powi(2);
                 let sum = self.links.entry((from.reference, to.reference)).or_default();
                 sum.weight += variance.recip();
@@ -81,7 +108,7 @@ impl PlacesBuilder {
     pub fn finish(mut self) -> Places {
         // A camera that is carried along shows no place: parallax makes its pictures differ.
         let is_measured = !self.pictures.is_empty();
-        let of_travels = self.misfits.iter().filter(|(_, misfit)| misfit.is_travelling());
+        let of_travels = self.misfits.iter().filter(|(_, [misfit, _])| misfit.is_travelling());
         let travelling: BTreeSet<u64> = of_travels.map(|(reference, _)| *reference).collect();
         self.pictures.retain(|reference, _| !travelling.contains(reference));
         let links = self.measured_links();
@@ -118,19 +145,24 @@ impl PlacesBuilder {
                 })
             })
             .collect();
-        Places { references, travelling, is_measured, turns }
+        Places { lens: self.lens, references, travelling, is_measured, turns }
     }
 
     /// Returns the focal length from the turns at a place; `None` if they do not determine it.
     fn turns_at(&self, place: &BTreeMap<u64, Homography>) -> Option<Turns> {
         let size = self.size?;
-        let mut all = Misfit::default();
-        for (reference, reference_from_world) in place {
-            if let Some(misfit) = self.misfits.get(reference) {
-                all.join(misfit, reference_from_world, size);
+        let [found, changed] = [0, 1].map(|which| {
+            let mut all = Misfit::default();
+            for (reference, reference_from_world) in place {
+                if let Some(misfits) = self.misfits.get(reference) {
+                    all.join(&misfits[which], reference_from_world, size);
+                }
             }
-        }
-        all.solve(size)
+            all.solve(size)
+        });
+        let (found, changed) = (found?, changed?);
+        let by_lens = (changed.focal_px / found.focal_px).ln();
+        Some(Turns { log_sd: found.log_sd.hypot(by_lens), ..found })
     }
 
     /// Returns the mean of the measurements of each link.
@@ -172,6 +204,7 @@ pub(crate) struct Placed {
 /// The places of a clip and the position of each reference.
 #[derive(Clone, Debug, Default)]
 pub struct Places {
+    lens: Lens,
     references: BTreeMap<u64, Placed>,
     /// References on which the pictures do not lie as those of a camera that turns and zooms.
     travelling: BTreeSet<u64>,
@@ -182,9 +215,17 @@ pub struct Places {
 }
 
 impl Places {
-    /// Returns the position of a reference; `None` if it shows no place for long enough.
-    pub(crate) fn placed(&self, reference: u64) -> Option<&Placed> {
-        self.references.get(&reference)
+    /// Returns the place that a registered picture shows, and the mapping from its world picture to the picture; `None`
+    /// if the reference shows no place for long enough.
+    pub(crate) fn position(
+        &self,
+        registration: &Registration,
+        size: ImageSize,
+    ) -> Option<(usize, PictureMotion)> {
+        let placed = self.references.get(&registration.reference)?;
+        let picture_from_reference = registration.homography_for(self.lens.distortion(size));
+        let homography = placed.reference_from_world.then(&picture_from_reference);
+        Some((placed.place, PictureMotion::new(homography, self.lens, size)))
     }
 
     /// Returns the focal length from the turns of the camera, by place. Places without such turns are missing.

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use nalgebra::Vector2;
-use roadplane_base::{Homography, PoseRecord, Shape, ShapeAtlas, TrackRow, VehicleClass};
+use roadplane_base::{PictureMotion, PoseRecord, Shape, ShapeAtlas, TrackRow, VehicleClass};
 use roadplane_geo::{Fit, Site};
 use roadplane_write::{
     CameraSegment, FrameMotion, Summary, WriteError, read_camera, read_evidence, read_jsonl, read_summary,
@@ -179,9 +179,9 @@ impl Run {
         };
         let camera = only.camera.estimate();
         // Frames that are not displaced have no entry.
-        let view = |frame: u64| self.motion.get(&frame).and_then(FrameMotion::picture_from_world);
+        let view = |frame: u64| only.camera.picture_from_world(self.motion.get(&frame)?);
         let world_from_picture =
-            |frame| (frame, view(frame).map_or(Homography::IDENTITY, |view| view.inverse()));
+            |frame| (frame, view(frame).map_or(PictureMotion::IDENTITY, |view| view.inverse()));
         let (site, _) = site.in_first_picture(&site.frames().map(world_from_picture).collect());
         let place = site.place(&camera).map_err(|why| why.to_string())?;
         for row in self.tracks.iter_mut().flat_map(|track| &mut track.rows) {

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use roadplane_base::{CameraEstimate, Homography};
+use roadplane_base::{CameraEstimate, PictureMotion};
 
 use crate::contradiction::placed;
 use crate::{NotPlaced, Place, SurveyPoint, UtmZone};
@@ -56,7 +56,7 @@ impl Site {
     /// Returns the site with the pixels of all points in the camera's first picture, and the number of points that
     /// were left out. `world_from_picture` maps pixels of a frame to that picture; points of other frames are left out.
     #[must_use]
-    pub fn in_first_picture(&self, world_from_picture: &BTreeMap<u64, Homography>) -> (Self, usize) {
+    pub fn in_first_picture(&self, world_from_picture: &BTreeMap<u64, PictureMotion>) -> (Self, usize) {
         let Self::Points(points) = self else { return (self.clone(), 0) };
         let placed = |point: &SurveyPoint| {
             let Some(frame) = point.frame else { return Some(*point) };
@@ -84,6 +84,7 @@ impl Site {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use roadplane_base::Homography;
 
     #[test]
     fn pixels_of_a_frame_are_put_into_the_first_picture() {
@@ -93,7 +94,7 @@ mod tests {
         let site = Site::Points(vec![point, in_frame(7), in_frame(8)]);
         assert_eq!(site.frames().collect::<Vec<_>>(), [7, 8]);
         let shift = Homography::from_numbers([1.0, 0.0, 5.0, 0.0, 1.0, -3.0, 0.0, 0.0]).unwrap();
-        let (placed, left_out) = site.in_first_picture(&[(7, shift)].into());
+        let (placed, left_out) = site.in_first_picture(&[(7, shift.into())].into());
         let Site::Points(points) = placed else { panic!("points") };
         assert_eq!((points.len(), left_out), (2, 1));
         assert_eq!((points[0].pixel, points[1].pixel), ([100.0, 50.0], [105.0, 47.0]));

@@ -3,7 +3,7 @@
 //! A moving car is observed as often as its trajectory needs. A stationary car is observed often at first. It is
 //! observed rarely as soon as more observations would hardly improve the mean.
 
-use roadplane_base::{CarRecord, CarRef, FrameRecord, Homography, bbox_centre, bbox_iou};
+use roadplane_base::{CarRecord, CarRef, FrameRecord, PictureMotion, bbox_centre, bbox_iou};
 
 /// Number of observations of a stationary car before they become rarer. Most of the error is a bias (0.6 of the sd).
 /// Therefore more than a dozen observations improve the mean by only a few per cent.
@@ -60,7 +60,7 @@ pub struct Schedule {
     every: u64,
     cars: Vec<ObservedCar>,
     /// Reference of the boxes, and the mapping from it to the last picture.
-    reference: Option<(u64, Homography)>,
+    reference: Option<(u64, PictureMotion)>,
 }
 
 impl Schedule {
@@ -73,20 +73,24 @@ impl Schedule {
     /// Converts the boxes to the reference of a frame. Returns the mapping from the picture to the reference.
     ///
     /// A frame that was not registered is taken to lie where the last one lay.
-    fn follow(&mut self, frame: &FrameRecord) -> Homography {
+    fn follow(&mut self, frame: &FrameRecord) -> PictureMotion {
         if let Some(watch) = &frame.watch
             && let Some(first) = watch.motion.first()
         {
-            let now = (first.reference, first.picture_from_reference());
+            let size = frame.image_size_px;
+            let now = (first.reference, first.picture_from_reference(size));
             if let Some((before, _)) = self.reference
                 && before != now.0
             {
-                match watch.picture_from(before) {
-                    Some(picture_from_before) => {
-                        let change = picture_from_before.then(&now.1.inverse());
+                match watch.registration_on(before) {
+                    Some(registration) => {
+                        let picture_from_before = registration.picture_from_reference(size);
+                        let now_from_picture = now.1.inverse();
+                        let change = |bbox: &[f64; 4]| {
+                            now_from_picture.apply_to_box(&picture_from_before.apply_to_box(bbox))
+                        };
                         for car in &mut self.cars {
-                            car.bbox_px = change.apply_to_box(&car.bbox_px);
-                            car.found_px = change.apply_to_box(&car.found_px);
+                            (car.bbox_px, car.found_px) = (change(&car.bbox_px), change(&car.found_px));
                         }
                     }
                     None => self.cars.clear(),
@@ -95,7 +99,7 @@ impl Schedule {
             self.reference = Some(now);
         }
         self.reference
-            .map_or(Homography::IDENTITY, |(_, picture_from_reference)| picture_from_reference.inverse())
+            .map_or(PictureMotion::IDENTITY, |(_, picture_from_reference)| picture_from_reference.inverse())
     }
 
     /// Returns the decision for every car of a frame. Frames must come in the order of time. `fits` returns whether the

@@ -33,7 +33,7 @@ pub use evaluate::cameras::evaluate_cameras;
 pub use evaluate::dataset::{DatasetOptions, camera_pictures, dataset_pictures, evaluate_dataset};
 pub use evaluate::detector::{DetectorOptions, evaluate_detector};
 pub use evaluate::kitti::{KittiOptions, evaluate_kitti};
-pub use evaluate::motion::{MotionOptions, evaluate_motion};
+pub use evaluate::motion::{Motion, MotionOptions, evaluate_motion};
 pub use evaluate::regions::evaluate_regions;
 pub use evaluate::run::evaluate_run;
 pub use evaluate::tracker::{Noise, TrackerOptions, evaluate_tracker};

@@ -10,6 +10,7 @@ pub(crate) mod known;
 pub(crate) mod krtd;
 pub(crate) mod lens;
 pub(crate) mod memory;
+pub(crate) mod optics;
 mod population;
 mod remembered;
 mod window;

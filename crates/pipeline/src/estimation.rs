@@ -2,19 +2,18 @@
 
 use std::collections::BTreeMap;
 use std::path::Path;
-use std::sync::Arc;
 
 use roadplane_base::{CameraEstimate, CameraStatus, CarRef, PoseRecord, Shape, ShapeAtlas, TrackRow};
-use roadplane_calibrate::{OneCamera, Places, PlacesBuilder};
 use roadplane_geo::{NotPlaced, Place, Site};
 use roadplane_measure::any_car;
 use roadplane_track::{Evidence, Join, Track};
-use roadplane_write::{FrameReader, PoseLines, RunStatus, read_jsonl, read_scene_curves};
+use roadplane_write::{FrameReader, PoseLines, RunStatus, read_jsonl};
 
 use crate::cameras::camera_track::CameraTrack;
 use crate::cameras::estimate::estimate_cameras;
 use crate::cameras::known::{contradiction, in_first_picture};
 use crate::cameras::memory::CameraHistory;
+use crate::cameras::optics::Optics;
 use crate::not_followed::{FollowCount, NotFollowed};
 use crate::tracks::known::tracked_cars;
 use crate::tracks::pass::{Pass, Tally};
@@ -137,18 +136,6 @@ pub fn solve_clip(
     Ok(ClipSolution { rows, ..solution })
 }
 
-/// Returns where the reference pictures of a clip lie, from its file of frames.
-///
-/// # Errors
-/// Returns a [`PipelineError`] if the file cannot be read.
-pub(crate) fn places_of(frames: &Path) -> Result<Arc<Places>, PipelineError> {
-    let mut builder = PlacesBuilder::default();
-    for frame in FrameReader::open(frames)? {
-        builder.push(&frame?);
-    }
-    Ok(Arc::new(builder.finish()))
-}
-
 /// Inputs of estimation other than the frames.
 pub(crate) struct Given<'a> {
     /// User constraints on the camera.
@@ -179,13 +166,13 @@ pub(crate) fn solve_constrained_clip(
     config: &Config,
     cancel: &Cancel,
 ) -> Result<ClipSolution, PipelineError> {
-    let places = places_of(frames)?;
+    let optics = Optics::of(frames, given.constraints, given.history, config)?;
     let read = || -> Result<_, PipelineError> {
         let records = FrameReader::open(frames)?.map(|record| {
             cancel.signal().map_or(Ok(()), |signal| Err(PipelineError::Stopped { signal }))?;
             Ok(record?)
         });
-        Ok(OneCamera::new(records, Arc::clone(&places)))
+        Ok(optics.convert(records))
     };
     let Given { history, most_rows, .. } = *given;
     let (constraints, site, on_frames) = in_first_picture(given.constraints, given.site, read)?;
@@ -196,15 +183,7 @@ pub(crate) fn solve_constrained_clip(
             follow.add(frame);
         }
     });
-    let mut cameras = estimate_cameras(
-        counted,
-        &read_scene_curves(frames)?,
-        &places,
-        atlas,
-        &constraints,
-        history,
-        config,
-    )?;
+    let mut cameras = estimate_cameras(counted, &optics, atlas, &constraints, history, config)?;
     let mut warnings = warnings_of(&cameras);
     let placed = site.as_ref().map(|site| cameras.put_on_map(site)).transpose();
     if let Err(why) = &placed {

@@ -3,7 +3,7 @@
 use image::RgbImage;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use roadplane_base::{
-    Camera, GroundPlane, Homography, KEYPOINTS, Shape, ShapeAtlas, TrackRow, VehicleClass, skeleton_edges,
+    Camera, GroundPlane, KEYPOINTS, PictureMotion, Shape, ShapeAtlas, TrackRow, VehicleClass, skeleton_edges,
 };
 
 use crate::ViewError;
@@ -53,7 +53,7 @@ pub struct Overlay<'a> {
     atlas: &'a ShapeAtlas,
     thickness: i32,
     /// Mapping from the pixels of `camera` to those of the picture; `None` if the picture is not displaced.
-    picture_from_world: Option<Homography>,
+    picture_from_world: Option<PictureMotion>,
 }
 
 impl<'a> Overlay<'a> {
@@ -73,7 +73,7 @@ impl<'a> Overlay<'a> {
 
     /// Draws into the picture of a camera that moved. `picture_from_world` maps the pixels of the camera to its pixels.
     #[must_use]
-    pub fn displaced(self, picture_from_world: &Homography) -> Self {
+    pub fn displaced(self, picture_from_world: &PictureMotion) -> Self {
         Self { picture_from_world: Some(*picture_from_world), ..self }
     }
 

@@ -1,35 +1,44 @@
-//! Warping of pictures by a homography.
+//! Warping of pictures.
 
 use image::RgbImage;
-use opencv::core::{BORDER_CONSTANT, Mat, MatTraitConst as _, MatTraitConstManual as _, Scalar, Size};
+use nalgebra::Vector2;
+use opencv::core::{
+    BORDER_CONSTANT, CV_32FC2, Mat, MatTrait as _, MatTraitConst as _, MatTraitConstManual as _, Point2f,
+    Scalar,
+};
 use opencv::imgproc;
-use roadplane_base::{Homography, ImageSize};
+use roadplane_base::ImageSize;
 
 use crate::ViewError;
 
 /// Returns a picture of the given size that shows a warped picture, resampled by cubic interpolation.
 ///
-/// `warped_from_picture` maps pixels of `picture` to pixels of the result. Parts outside `picture` are black.
+/// `picture_from_warped` maps pixels of the result to pixels of `picture`. Parts outside `picture` are black.
 ///
 /// # Errors
 /// [`ViewError::Drawing`].
 pub fn warped(
     picture: &RgbImage,
-    warped_from_picture: &Homography,
     size: ImageSize,
+    picture_from_warped: impl Fn(&Vector2<f64>) -> Vector2<f64>,
 ) -> Result<RgbImage, ViewError> {
+    let side = |length: u32| i32::try_from(length).unwrap_or(0);
     let rows = Mat::from_slice(picture.as_raw())?;
-    let source = rows.reshape(3, i32::try_from(picture.height()).unwrap_or(0))?;
-    let m = warped_from_picture.matrix();
-    let rows: [[f64; 3]; 3] = std::array::from_fn(|r| std::array::from_fn(|c| m[(r, c)]));
-    let matrix = Mat::from_slice_2d(&rows)?;
-    let wanted = Size::new(i32::try_from(size.width).unwrap_or(0), i32::try_from(size.height).unwrap_or(0));
+    let source = rows.reshape(3, side(picture.height()))?;
+    let mut map =
+        Mat::new_rows_cols_with_default(side(size.height), side(size.width), CV_32FC2, Scalar::default())?;
+    for y in 0..size.height {
+        for x in 0..size.width {
+            let from = picture_from_warped(&Vector2::new(f64::from(x), f64::from(y)));
+            *map.at_2d_mut::<Point2f>(side(y), side(x))? = Point2f::new(from.x as f32, from.y as f32);
+        }
+    }
     let mut result = Mat::default();
-    imgproc::warp_perspective(
+    imgproc::remap(
         &source,
         &mut result,
-        &matrix,
-        wanted,
+        &map,
+        &Mat::default(),
         imgproc::INTER_CUBIC,
         BORDER_CONSTANT,
         Scalar::default(),
@@ -43,17 +52,15 @@ pub fn warped(
 mod tests {
     use super::*;
     use image::Rgb;
-    use nalgebra::Matrix3;
 
     #[test]
     fn a_shift_moves_the_pixels() {
         let picture = RgbImage::from_fn(32, 16, |x, y| Rgb([(x * 8) as u8, (y * 16) as u8, 7]));
-        let shift = Homography::new(Matrix3::new(1.0, 0.0, -5.0, 0.0, 1.0, -2.0, 0.0, 0.0, 1.0)).unwrap();
-        let size = ImageSize { width: 20, height: 10 };
-        let result = warped(&picture, &shift, size).unwrap();
+        let shift = |pixel: &Vector2<f64>| pixel + Vector2::new(5.0, 2.0);
+        let result = warped(&picture, ImageSize { width: 20, height: 10 }, shift).unwrap();
         assert_eq!(result.dimensions(), (20, 10));
         assert!(result.enumerate_pixels().all(|(x, y, pixel)| pixel == picture.get_pixel(x + 5, y + 2)));
-        let beyond = warped(&picture, &shift, ImageSize { width: 40, height: 10 }).unwrap();
+        let beyond = warped(&picture, ImageSize { width: 40, height: 10 }, shift).unwrap();
         assert_eq!(beyond.get_pixel(39, 5), &Rgb([0, 0, 0]));
     }
 }

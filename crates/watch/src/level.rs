@@ -8,7 +8,7 @@
 //! therefore costs only four products per pixel (Lucas & Kanade 1981, with gain and offset).
 
 use nalgebra::{Matrix4, Vector2, Vector4};
-use roadplane_base::Homography;
+use roadplane_base::PictureMotion;
 
 use crate::SmallGrey;
 
@@ -85,7 +85,7 @@ impl Smoothed {
 
     /// Returns the picture as it would lie on `level`, by bilinear interpolation. Where the level is not in view, the
     /// result has its values. `mapping` maps the level to this picture, px from the middle.
-    pub(crate) fn laid_on(&self, level: &Level, mapping: &Homography) -> Self {
+    pub(crate) fn laid_on(&self, level: &Level, mapping: &PictureMotion) -> Self {
         let middle = Vector2::new(self.width as f64, self.height as f64) / 2.0;
         let from = |point: Vector2<f64>| mapping.apply(&(point - middle)) + middle;
         let values = resampled(&self.values, (self.width, self.height), from, |pixel| level.median[pixel]);

@@ -1,7 +1,7 @@
-//! Fits one homography of the whole picture to the measured shifts of its blocks.
+//! Fits one homography of the whole picture, and the lens distortion, to the measured shifts of its blocks.
 
 use nalgebra::{SMatrix, SVector, Vector2};
-use roadplane_base::Homography;
+use roadplane_base::{Homography, Lens, PictureMotion};
 
 use crate::alignment::Alignment;
 use crate::level::{BLOCK, BlockShift, Level, Smoothed};
@@ -22,19 +22,34 @@ const MAX_SD: f64 = 0.5;
 /// Sds of the change of a homography's numbers from one picture to the next. Lengths are in half widths of the picture.
 /// The shift is free. The other values let a camera turn by a fifth of its field of view between two pictures.
 const CHANGE_SD: [f64; 8] = [0.1, 0.1, 3.0, 0.1, 0.1, 3.0, 0.1, 0.1];
+/// Largest number of times that a picture is laid on its reference.
+const MOST_LAID: usize = 3;
+/// Change of a fit below which the picture is not laid on the reference again, px of the reduced picture.
+const SETTLED: f64 = 0.1;
+
+/// Prior sd of the distortion at half the picture's width (dimensionless). Surveillance lenses reach −0.3.
+const BEND_SD: f64 = 0.15;
+/// Largest absolute distortion of a fit. Beyond it, a corner of a picture of 4:3 is at infinity.
+const MOST_BEND: f64 = 0.5;
 
 /// How a picture lies on a reference.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Fit {
     /// Mapping from the reference to the picture, px of the reduced picture from its middle.
-    pub picture_from_reference: Homography,
-    /// Sd of a mapped pixel, px of the reduced picture: root mean square over the part of the reference in view.
+    pub picture_from_reference: PictureMotion,
+    /// Sd of a mapped pixel for a known lens, px of the reduced picture: root mean square over the part of the reference
+    /// in view.
     pub sd: f64,
+    /// Sd of the distortion at half the picture's width (dimensionless).
+    pub bend_sd: f64,
+    /// Derivatives of the homography's numbers by the distortion. Lengths are in half widths of the picture.
+    pub change: [f64; 8],
 }
 
 impl Fit {
     /// The fit of a picture on itself.
-    pub(crate) const OWN: Self = Self { picture_from_reference: Homography::IDENTITY, sd: 0.0 };
+    pub(crate) const OWN: Self =
+        Self { picture_from_reference: PictureMotion::IDENTITY, sd: 0.0, bend_sd: BEND_SD, change: [0.0; 8] };
 }
 
 /// A picture that was registered on a reference.
@@ -51,35 +66,73 @@ pub(crate) struct Registered {
 impl Reference {
     /// Registers a picture on this reference. `predicted` is about the mapping from the reference to the picture, within
     /// 3 px.
-    pub(crate) fn registered(&self, picture: &Prepared, predicted: &Homography) -> Option<Registered> {
+    pub(crate) fn registered(&self, picture: &Prepared, predicted: &PictureMotion) -> Option<Registered> {
         let size = self.fine().size();
-        let is_displaced = predicted.displacement(&picture_box(size)) > NOT_LAID;
-        let predicted = if is_displaced { *predicted } else { Homography::IDENTITY };
-        let half = predicted.in_coordinates(0.5, Vector2::zeros());
+        let is_displaced = predicted.homography.displacement(&picture_box(size)) > NOT_LAID;
+        let predicted = if is_displaced { *predicted } else { PictureMotion::IDENTITY };
+        let near = self.iterated(picture, &predicted);
+        let half = predicted.in_scale(0.5);
         let coarse_laid = is_displaced.then(|| picture.coarse().laid_on(self.coarse(), &half));
         let coarse = measured(self.coarse(), coarse_laid.as_ref().unwrap_or(picture.coarse()), &half);
-        let mapping = match Alignment::of(&coarse) {
-            Some(rest) if is_displaced || rest.displacement(size.0 / 2, size.1 / 2) > NOT_LAID => {
-                corrected(&half, &rest, self.coarse())?.in_coordinates(2.0, Vector2::zeros())
-            }
-            _ => predicted,
+        // The smaller pictures measure larger shifts, but with fewer blocks, so they may be wrong. The fit with which more
+        // blocks agree is the better one.
+        let far = Alignment::of(&coarse)
+            .filter(|rest| is_displaced || rest.displacement(size.0 / 2, size.1 / 2) > NOT_LAID)
+            .and_then(|rest| corrected(&half, &rest, self.coarse()))
+            .and_then(|mapping| self.iterated(picture, &mapping.in_scale(2.0)));
+        let best = match (near, far) {
+            (Some(near), Some(far)) if far.agreement > near.agreement => far,
+            (Some(near), _) => near,
+            (None, far) => far?,
         };
-        let is_displaced = mapping != Homography::IDENTITY;
-        let fine_laid = is_displaced.then(|| picture.fine().laid_on(self.fine(), &mapping));
-        let fine = measured(self.fine(), fine_laid.as_ref().unwrap_or(picture.fine()), &mapping);
-        let start = corrected(&mapping, &Alignment::of(&fine)?, self.fine())?;
-        let fit = refined(&start, &mapping, &fine, size)?;
         let coarse_laid = coarse_laid.unwrap_or_else(|| picture.coarse().clone());
-        let laid = fine_laid.map(|fine| [fine, coarse_laid]);
-        Some(Registered { fit, shifts: BlockShifts { fine, coarse }, laid })
+        let laid = best.laid.map(|fine| [fine, coarse_laid]);
+        Some(Registered { fit: best.fit, shifts: BlockShifts { fine: best.shifts, coarse }, laid })
     }
+
+    /// Fits the blocks of a picture from a start. A block measures large shifts with a bias, so the picture is laid on the
+    /// reference again by the fit.
+    fn iterated(&self, picture: &Prepared, start: &PictureMotion) -> Option<Fitted> {
+        let mut best = self.fitted(picture, start)?;
+        let mut mapping = *start;
+        for _ in 1..MOST_LAID {
+            let change = mapping.homography.inverse().then(&best.fit.picture_from_reference.homography);
+            if change.displacement(&picture_box(self.fine().size())) < SETTLED {
+                break;
+            }
+            mapping = best.fit.picture_from_reference;
+            match self.fitted(picture, &mapping) {
+                Some(next) if next.agreement >= best.agreement => best = next,
+                _ => break,
+            }
+        }
+        Some(best)
+    }
+
+    /// Lays a picture on this reference by a mapping, and fits the blocks.
+    fn fitted(&self, picture: &Prepared, mapping: &PictureMotion) -> Option<Fitted> {
+        let laid = (!mapping.is_identity()).then(|| picture.fine().laid_on(self.fine(), mapping));
+        let shifts = measured(self.fine(), laid.as_ref().unwrap_or(picture.fine()), mapping);
+        let start = corrected(mapping, &Alignment::of(&shifts)?, self.fine())?;
+        let (fit, agreement) = refined(&start, mapping, &shifts, self.fine().size())?;
+        Some(Fitted { fit, agreement, shifts, laid })
+    }
+}
+
+/// A fit to the blocks of a picture that was laid on the reference.
+struct Fitted {
+    fit: Fit,
+    /// Share of the trusted blocks in view that agree with the fit.
+    agreement: f64,
+    shifts: Vec<BlockShift>,
+    laid: Option<Smoothed>,
 }
 
 /// Measures the shifts of the blocks in a picture that was laid on the level by `mapping`. Blocks that are not in view
 /// have no shift.
-fn measured(level: &Level, laid: &Smoothed, mapping: &Homography) -> Vec<BlockShift> {
+fn measured(level: &Level, laid: &Smoothed, mapping: &PictureMotion) -> Vec<BlockShift> {
     let mut blocks = level.measured(laid.smooth(), [0, 0]);
-    if *mapping != Homography::IDENTITY {
+    if !mapping.is_identity() {
         let [_, _, right, bottom] = picture_box(level.size());
         let half = BLOCK as f64 / 2.0 + 1.0;
         let is_in_view = |block: &BlockShift| {
@@ -100,57 +153,158 @@ pub(crate) fn picture_box((width, height): (usize, usize)) -> [f64; 4] {
 }
 
 /// Returns a mapping with a small alignment added.
-fn corrected(mapping: &Homography, rest: &Alignment, level: &Level) -> Option<Homography> {
+fn corrected(mapping: &PictureMotion, rest: &Alignment, level: &Level) -> Option<PictureMotion> {
     let (width, height) = level.size();
     let reach = Vector2::new(width as f64, height as f64) / 2.0;
     let corners = [(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)].map(|(u, v)| {
         let p = Vector2::new(u * reach.x, v * reach.y);
-        (p / reach.x, mapping.apply(&(p + rest.at(&p))) / reach.x, 1.0)
+        let q = mapping.apply(&(p + rest.at(&p)));
+        (mapping.lens.undistorted(&p) / reach.x, mapping.lens.undistorted(&q) / reach.x, 1.0)
     });
     let (fitted, _) = Homography::fit(corners.into_iter(), None)?;
-    Some(fitted.in_coordinates(reach.x, Vector2::zeros()))
+    Some(PictureMotion { homography: fitted.in_coordinates(reach.x, Vector2::zeros()), ..*mapping })
 }
 
-/// Fits all eight numbers of a homography to the blocks, from a start that is right within a pixel. The blocks were
-/// measured in a picture that was laid on the reference by `laid_by`.
+/// The eight numbers of a homography, then the distortion. Lengths are in half widths of the picture.
+type Numbers = SVector<f64, 9>;
+
+/// Returns the mapping with these numbers; `None` if the homography has no inverse.
+fn motion_of(numbers: &Numbers) -> Option<PictureMotion> {
+    let homography = Homography::from_numbers(numbers.fixed_rows::<8>(0).into_owned().into())?;
+    let lens = Lens { per_px2: numbers[8].clamp(-MOST_BEND, MOST_BEND) };
+    Some(PictureMotion { homography, lens, ..PictureMotion::IDENTITY })
+}
+
+/// Returns a mapped point and its derivative by the numbers.
+fn mapped(motion: &PictureMotion, p: &Vector2<f64>) -> (Vector2<f64>, SMatrix<f64, 2, 9>) {
+    let PictureMotion { homography, lens, .. } = motion;
+    let straight = lens.undistorted(p);
+    let q = lens.distorted(&homography.apply(&straight));
+    let by_straight = lens.undistorted_by_pixel(&q).try_inverse().unwrap_or_else(nalgebra::Matrix2::identity);
+    let mut derivative = SMatrix::<f64, 2, 9>::zeros();
+    derivative.fixed_columns_mut::<8>(0).copy_from(&homography.derivative_by_numbers(&straight));
+    let bent = homography.jacobian(&straight) * lens.undistorted_by_lens(p) - lens.undistorted_by_lens(&q);
+    derivative.set_column(8, &bent);
+    (q, by_straight * derivative)
+}
+
+/// Fits all numbers of a homography and the distortion to the blocks, from a start that is right within a pixel. The
+/// blocks were measured in a picture that was laid on the reference by `laid_by`.
 fn refined(
-    start: &Homography,
-    laid_by: &Homography,
+    start: &PictureMotion,
+    laid_by: &PictureMotion,
     blocks: &[BlockShift],
     (width, height): (usize, usize),
-) -> Option<Fit> {
+) -> Option<(Fit, f64)> {
     let unit = width as f64 / 2.0;
     let measured: Vec<(Vector2<f64>, Vector2<f64>)> = blocks
         .iter()
         .filter(|block| block.is_trusted)
         .filter_map(|block| Some((block.centre / unit, laid_by.apply(&(block.centre + block.shift?)) / unit)))
         .collect();
-    let prior = start.in_coordinates(1.0 / unit, Vector2::zeros());
-    let information = SVector::from(CHANGE_SD.map(|sd| (sd * sd).recip()));
+    let start = start.in_scale(1.0 / unit);
+    let mut numbers = Numbers::zeros();
+    numbers.fixed_rows_mut::<8>(0).copy_from_slice(&start.homography.numbers());
+    let (mut prior, mut information) = (numbers, Numbers::zeros());
+    numbers[8] = start.lens.per_px2;
+    prior[8] = 0.0;
+    information.fixed_rows_mut::<8>(0).copy_from_slice(&CHANGE_SD.map(|sd| (sd * sd).recip()));
+    information[8] = (BEND_SD * BEND_SD).recip();
     let weight_of_block = (unit / BLOCK_SD).powi(2);
-    let (mut mapping, mut covariance) = (prior, SMatrix::<f64, 8, 8>::identity());
+    let mut normal = SMatrix::<f64, 9, 9>::zeros();
     let mut reach = 2.0 * AGREES / unit;
     for _ in 0..ROUNDS {
-        let weighted = measured.iter().filter_map(|(p, q)| {
-            let away = (mapping.apply(p) - q).norm();
-            (away < reach).then(|| (*p, *q, weight_of_block * (1.0 - (away / reach).powi(2)).powi(2)))
-        });
-        (mapping, covariance) = Homography::fit(weighted, Some((&prior, &information)))?;
+        let motion = motion_of(&numbers)?;
+        normal = SMatrix::from_diagonal(&information);
+        let mut right = information.component_mul(&(prior - numbers));
+        for (p, q) in &measured {
+            let (here, derivative) = mapped(&motion, p);
+            let away = q - here;
+            if away.norm() < reach {
+                let weight = weight_of_block * (1.0 - (away.norm() / reach).powi(2)).powi(2);
+                normal += derivative.transpose() * derivative * weight;
+                right += derivative.transpose() * away * weight;
+            }
+        }
+        numbers += normal.cholesky()?.solve(&right);
+        numbers[8] = numbers[8].clamp(-MOST_BEND, MOST_BEND);
         reach = (reach * 0.8).max(AGREES / unit);
     }
+    let motion = motion_of(&numbers)?;
+    let agreeing = measured.iter().filter(|(p, q)| (motion.apply(p) - q).norm() < AGREES / unit).count();
+    let [_, _, right, bottom] = picture_box((width, height));
+    let is_seen = |block: &&BlockShift| {
+        let at = motion.apply(&(block.centre / unit)) * unit;
+        at.x.abs() < right && at.y.abs() < bottom
+    };
+    let trusted = blocks.iter().filter(|block| block.is_trusted).filter(is_seen).count();
+    let agreement = agreeing as f64 / trusted.max(1) as f64;
+    // For a known lens, the covariance is the inverse of the homography's part of the normal matrix.
+    let of_lens = normal.fixed_view::<8, 1>(0, 8).into_owned();
+    let covariance = normal.fixed_view::<8, 8>(0, 0).into_owned().cholesky()?.inverse();
+    let change = -(covariance * of_lens);
+    let bend_sd = (normal[(8, 8)] + of_lens.dot(&change)).max(information[8]).recip().sqrt();
     let aspect = height as f64 / width as f64;
-    let inverse = mapping.inverse();
+    let inverse = motion.inverse();
     let is_in_view = |p: &Vector2<f64>| p.x.abs() <= 1.0 && p.y.abs() <= aspect;
     let variances: Vec<f64> = (0..25)
         .map(|i| Vector2::new(f64::from(i % 5) / 2.0 - 1.0, aspect * (f64::from(i / 5) / 2.0 - 1.0)))
         .map(|q| inverse.apply(&q))
         .filter(is_in_view)
         .map(|p| {
-            let derivative = mapping.derivative_by_numbers(&p);
+            let derivative = mapped(&motion, &p).1.fixed_columns::<8>(0).into_owned();
             (derivative * covariance * derivative.transpose()).trace() / 2.0
         })
         .collect();
     let sd = unit * (variances.iter().sum::<f64>() / variances.len().max(1) as f64).sqrt();
-    let fit = Fit { picture_from_reference: mapping.in_coordinates(unit, Vector2::zeros()), sd };
-    (!variances.is_empty() && sd <= MAX_SD).then_some(fit)
+    let fit = Fit { picture_from_reference: motion.in_scale(unit), sd, bend_sd, change: change.into() };
+    (!variances.is_empty() && sd <= MAX_SD).then_some((fit, agreement))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn derivatives_of_a_mapped_point_are_exact() {
+        let numbers = Numbers::from([1.02, 0.01, 0.2, -0.02, 0.99, 0.03, 0.05, -0.02, -0.12]);
+        let p = Vector2::new(-0.6, 0.4);
+        let (_, derivative) = mapped(&motion_of(&numbers).unwrap(), &p);
+        for i in 0..9 {
+            let at = |by: f64| {
+                let mut changed = numbers;
+                changed[i] += by;
+                motion_of(&changed).unwrap().apply(&p)
+            };
+            let numeric = (at(1e-6) - at(-1e-6)) / 2e-6;
+            assert!((numeric - derivative.column(i)).norm() < 1e-6, "{i}");
+        }
+    }
+
+    #[test]
+    fn a_pan_shows_the_lens() {
+        let (size, unit) = ((320, 180), 160.0);
+        for bend in [0.0, -0.05, -0.2] {
+            let numbers = Numbers::from([1.0, 0.004, 0.25, -0.004, 1.0, 0.01, -0.04, 0.0, bend]);
+            let truth = motion_of(&numbers).unwrap().in_scale(unit);
+            let noise = |k: f64| 0.2 * ((k * 12.9898).sin() * 43_758.545_3).rem_euclid(1.0) - 0.1;
+            let centres =
+                (0..19 * 11).map(|i| Vector2::new(f64::from(i % 19 - 9), f64::from(i / 19 - 5)) * 16.0);
+            let block = |(i, centre): (usize, Vector2<f64>)| {
+                let noise = Vector2::new(noise(i as f64 + 0.3), noise(i as f64 + 500.7));
+                let shift = truth.apply(&centre) - centre + noise;
+                let is_in_view = (centre + shift).x.abs() < 150.0;
+                BlockShift { centre, shift: is_in_view.then_some(shift), is_trusted: true }
+            };
+            let blocks: Vec<BlockShift> = centres.enumerate().map(block).collect();
+            let start = Homography::from_numbers([1.0, 0.0, 0.25 * unit, 0.0, 1.0, 1.5, -0.04 / unit, 0.0]);
+            let start = PictureMotion { lens: truth.lens, ..PictureMotion::from(start.unwrap()) };
+            let (fit, _) = refined(&start, &PictureMotion::IDENTITY, &blocks, size).unwrap();
+            let found = fit.picture_from_reference.in_scale(1.0 / unit).lens.per_px2;
+            assert!((found - bend).abs() < 3.0 * fit.bend_sd, "{bend}: {found} {}", fit.bend_sd);
+            assert!(fit.bend_sd < 0.005, "{bend}: {}", fit.bend_sd);
+            let away = |p: Vector2<f64>| (fit.picture_from_reference.apply(&p) - truth.apply(&p)).norm();
+            assert!(away(Vector2::new(-140.0, 70.0)) < 0.15 && away(Vector2::zeros()) < 0.1);
+        }
+    }
 }

@@ -175,7 +175,7 @@ fn the_motion_is_measured_through_a_pan_and_a_zoom_and_back() {
                 let registration = record.motion.first();
                 let registration =
                     registration.unwrap_or_else(|| panic!("{name}: frame {} is lost", stamp.index));
-                let mapping = registration.picture_from_reference();
+                let mapping = registration.homography_for(0.0);
                 for (u, v) in [(0.0, 0.0), (-0.25, 0.2), (0.25, -0.2)] {
                     let scene_point = Vector2::new(u * width as f64, v * height as f64);
                     let from = truth(registration.reference, scene_point) + middle;

@@ -5,6 +5,7 @@ use std::path::Path;
 use nalgebra::{Matrix4, Vector2, Vector3};
 use roadplane_base::{
     Camera, CameraEstimate, CameraParams, CameraStatus, GroundPlane, Homography, ImageSize, Lens,
+    PictureMotion,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
@@ -51,8 +52,9 @@ pub struct CameraFile {
 
 /// Motion of the camera in one frame: the displacement of the picture against the world picture of its segment.
 ///
-/// A point with the pixel (x, y) of the segment's camera appears in the frame at (u / w, v / w). Here (u, v, w) is the
-/// matrix times (x, y, 1).
+/// A point with the undistorted pixel (x, y) of the segment's camera has the undistorted pixel (u / w, v / w) in the
+/// frame. Here (u, v, w) is the matrix times (x, y, 1). The lens is that of the segment, centred on the middle of the
+/// picture. Without a lens, undistorted pixels are those of the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct FrameMotion {
     /// Index of the frame, from 0.
@@ -74,9 +76,10 @@ impl FrameMotion {
         }
     }
 
-    /// Returns the mapping from pixels of the world picture to pixels of the frame; `None` if the matrix has no inverse.
+    /// Returns the homography from undistorted pixels of the world picture to undistorted pixels of the frame; `None` if
+    /// the matrix has no inverse.
     #[must_use]
-    pub fn picture_from_world(&self) -> Option<Homography> {
+    pub fn homography(&self) -> Option<Homography> {
         Homography::from_numbers(self.picture_from_world)
     }
 }
@@ -186,6 +189,14 @@ pub struct PlaneInCamera {
 }
 
 impl CameraSegment {
+    /// Returns the mapping from pixels of this camera to pixels of a frame; `None` if the matrix has no inverse.
+    #[must_use]
+    pub fn picture_from_world(&self, motion: &FrameMotion) -> Option<PictureMotion> {
+        let bend = self.lens.as_ref().map_or(0.0, |lens| lens.bend);
+        let lens = Lens::with_distortion(bend, self.image_size_px);
+        Some(PictureMotion::new(motion.homography()?, lens, self.image_size_px))
+    }
+
     /// Creates a segment from an estimate. Its numbers are rounded to the digits that the file has.
     ///
     /// The estimate contains the logarithms of the focal length and of the height. Let u be such a logarithm, and sd(u)
@@ -289,6 +300,13 @@ impl CameraSegment {
 }
 
 impl CameraFile {
+    /// Returns the mapping from pixels of the segment's camera to pixels of a frame; `None` if the matrix has no inverse.
+    #[must_use]
+    pub fn picture_from_world(&self, motion: &FrameMotion) -> Option<PictureMotion> {
+        let begun = self.all().iter().take_while(|segment| segment.span_s[0] <= motion.time_s);
+        begun.last().unwrap_or(&self.camera).picture_from_world(motion)
+    }
+
     /// Returns all segments in the order of time. The list is never empty.
     #[must_use]
     pub fn all(&self) -> &[CameraSegment] {

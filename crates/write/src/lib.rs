@@ -48,7 +48,7 @@ pub use lock::FolderLock;
 pub use parquet::{GeometryColumn, TRACKS_SCHEMA, TrackParquet};
 pub use schema::{FRAMES_SCHEMA, POSES_SCHEMA, schema, schemas};
 pub use speed::{CpuMs, Speed};
-pub use spool::{FrameReader, FrameSpool, Recovered, read_scene_curves};
+pub use spool::{FrameReader, FrameSpool, LensTraces, Recovered, read_lens_traces};
 pub use summary::{
     ConstraintSummary, Counts, InputSummary, ModelSummary, NotFollowedInterval, RunStatus, SUMMARY_SCHEMA,
     SceneLinesSummary, StageSeconds, Summary, WatchInterval, WatchSummary, read_summary, write_summary,

@@ -5,7 +5,7 @@ use std::fs::{File, OpenOptions};
 use std::io::{BufRead as _, BufReader, BufWriter, Seek as _, SeekFrom, Write as _};
 use std::path::{Path, PathBuf};
 
-use roadplane_base::{FrameRecord, SceneCurve};
+use roadplane_base::{FrameRecord, ImageSize, Registration, SceneCurve};
 
 use crate::jsonl::json_line;
 use crate::{JsonLines, WriteError};
@@ -142,32 +142,54 @@ impl FrameReader {
     }
 }
 
-/// Returns the long edges of the scene ([`FrameRecord::scene_curves`]) from the frame with the largest number of edges.
-///
-/// Lines without such edges are not parsed.
+/// All that a frames file shows about the lens.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct LensTraces {
+    /// Size of the first picture; `None` without frames.
+    pub image_size_px: Option<ImageSize>,
+    /// Long edges of the scene ([`roadplane_base::FrameRecord::scene_curves`]) of the frame with the largest number.
+    pub curves: Vec<SceneCurve>,
+    /// The most accurate registration of each frame whose picture is displaced.
+    pub registrations: Vec<Registration>,
+}
+
+/// Reads all that a frames file shows about the lens. Other lines than the first and those with such traces are not
+/// parsed.
 ///
 /// # Errors
 /// [`WriteError::Malformed`], which names the line; [`WriteError::Io`].
-pub fn read_scene_curves(path: &Path) -> Result<Vec<SceneCurve>, WriteError> {
+pub fn read_lens_traces(path: &Path) -> Result<LensTraces, WriteError> {
     #[derive(serde::Deserialize)]
-    struct Edges {
-        scene_curves: Vec<SceneCurve>,
+    struct Line {
+        image_size_px: Option<ImageSize>,
+        scene_curves: Option<Vec<SceneCurve>>,
+        watch: Option<Watch>,
+    }
+    #[derive(serde::Deserialize)]
+    struct Watch {
+        #[serde(default)]
+        motion: Vec<Registration>,
     }
     let file = File::open(path).map_err(WriteError::io("read", path))?;
-    let mut most = Vec::new();
+    let mut traces = LensTraces::default();
     for (number, line) in (1..).zip(BufReader::new(file).lines()) {
         let line = line.map_err(WriteError::io("read", path))?;
-        if !line.contains("\"scene_curves\"") {
+        let has_traces = line.contains("\"scene_curves\"") || line.contains("\"bend\"");
+        if line.is_empty() || !(has_traces || traces.image_size_px.is_none()) {
             continue;
         }
-        let found: Edges = serde_json::from_str(&line)
+        let found: Line = serde_json::from_str(&line)
             .map_err(|e| WriteError::malformed(path, format!("line {number}: {e}")))?;
-        if found.scene_curves.len() > most.len() {
-            most = found.scene_curves;
+        traces.image_size_px = traces.image_size_px.or(found.image_size_px);
+        let curves = found.scene_curves.unwrap_or_default();
+        if curves.len() > traces.curves.len() {
+            traces.curves = curves;
         }
+        let first = found.watch.and_then(|watch| watch.motion.into_iter().next());
+        traces.registrations.extend(first.filter(|first| first.lens.is_some()));
     }
-    most.retain(SceneCurve::is_sound);
-    Ok(most)
+    traces.curves.retain(SceneCurve::is_sound);
+    Ok(traces)
 }
 
 impl Iterator for FrameReader {
@@ -204,6 +226,7 @@ impl JsonLines {
 mod tests {
     use super::*;
     use roadplane_base::ImageSize;
+    use roadplane_base::{RegisteredLens, WatchRecord};
 
     fn record(frame: u64) -> FrameRecord {
         FrameRecord::empty(frame, frame as f64 / 30.0, ImageSize { width: 640, height: 480 })
@@ -264,18 +287,28 @@ mod tests {
     }
 
     #[test]
-    fn edges_come_from_the_frame_that_has_most() {
+    fn traces_of_the_lens_come_from_all_frames() {
         let dir = tempfile::tempdir().unwrap();
         let path = dir.path().join("frames.jsonl");
         let curve = |x: f64, sd_px: f64| SceneCurve::from([x, 5.0, 300.0, 2.5, 600.0, 5.0, sd_px]);
         let with = |curves: &[SceneCurve]| FrameRecord { scene_curves: Some(curves.to_vec()), ..record(0) };
         // The last edge has no positive sd.
         let most = [curve(1.0, 0.5), curve(2.0, 0.5), curve(3.0, 0.0)];
-        let lines = [with(&most), record(1), with(&most[..1])].map(|r| serde_json::to_string(&r).unwrap());
-        std::fs::write(&path, lines.join("\n")).unwrap();
-        assert_eq!(read_scene_curves(&path).unwrap(), most[..2]);
+        let lens = RegisteredLens { bend: -0.02, sd: 0.003, change: [0.0; 8] };
+        let here = Registration { reference: 0, homography: Some([1.0; 8]), sd_px: 0.1, lens: Some(lens) };
+        let watch = WatchRecord {
+            motion: vec![here, Registration { reference: 9, ..here }],
+            ..WatchRecord::default()
+        };
+        let displaced = FrameRecord { watch: Some(watch), ..record(2) };
+        let frames = [with(&most), record(1), with(&most[..1]), displaced];
+        std::fs::write(&path, frames.each_ref().map(|r| serde_json::to_string(r).unwrap()).join("\n"))
+            .unwrap();
+        let traces = read_lens_traces(&path).unwrap();
+        assert_eq!(traces.image_size_px, Some(record(0).image_size_px));
+        assert_eq!((&traces.curves[..], &traces.registrations[..]), (&most[..2], &[here][..]));
         std::fs::write(&path, "{}\n{\"scene_curves\": 3}\n").unwrap();
-        let error = read_scene_curves(&path).unwrap_err().to_string();
+        let error = read_lens_traces(&path).unwrap_err().to_string();
         assert!(error.starts_with("line 2"), "{error}");
     }
 

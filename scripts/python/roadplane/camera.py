@@ -162,6 +162,17 @@ class Camera:
             variance = variance + (by_pixel * pixel_sd) ** 2
         return np.sqrt(variance)
 
+    def undistorted(self, pixels: npt.ArrayLike) -> Array:
+        """Returns the pixels [..., 2] at which a lens without distortion would show the scene points of pixels."""
+        distorted = np.asarray(pixels, dtype=float) - np.asarray(self.principal_point_px)
+        return np.asarray(self.principal_point_px + distorted / (1 + self._per_px2() * _square(distorted)))
+
+    def distorted(self, pixels: npt.ArrayLike) -> Array:
+        """Returns the pixels [..., 2] at which the lens shows undistorted pixels."""
+        straight = np.asarray(pixels, dtype=float) - np.asarray(self.principal_point_px)
+        root = np.sqrt(np.maximum(1 - 4 * self._per_px2() * _square(straight), 0))
+        return np.asarray(self.principal_point_px + straight * (2 / (1 + root)))
+
     def camera_from_world(self) -> Array:
         """Returns the [4, 4] motion from the world to the camera's frame (x right, y down, z forward)."""
         motion = np.eye(4)
@@ -176,13 +187,10 @@ class Camera:
         in_camera = (points - [0.0, 0.0, np.exp(params[3])]) @ _camera_from_world(params).T
         z = in_camera[..., 2:]
         before = np.where(z > _NEAREST_M, z, np.nan)
-        straight = np.exp(params[0]) / before * in_camera[..., :2]
-        root = np.sqrt(np.maximum(1 - 4 * self._per_px2() * _square(straight), 0))
-        return np.asarray(self.principal_point_px + straight * (2 / (1 + root)))
+        return self.distorted(self.principal_point_px + np.exp(params[0]) / before * in_camera[..., :2])
 
     def _ground(self, params: Array, pixels: Array) -> Array:
-        distorted = pixels - np.asarray(self.principal_point_px)
-        slopes = distorted / (1 + self._per_px2() * _square(distorted)) / np.exp(params[0])
+        slopes = (self.undistorted(pixels) - np.asarray(self.principal_point_px)) / np.exp(params[0])
         rays = np.concatenate([slopes, np.ones_like(slopes[..., :1])], axis=-1) @ _camera_from_world(params)
         descent = np.where(-rays[..., 2:] > _LEAST_DESCENT, -rays[..., 2:], np.nan)
         return np.asarray(rays[..., :2] * (np.exp(params[3]) / descent))
@@ -204,18 +212,28 @@ class View:
     frame's own, in which the boxes of `tracks` lie.
 
     Attributes:
-        picture_from_world: [3, 3] homography from pixels of the world picture to pixels of the frame.
+        picture_from_world: [3, 3] homography from undistorted pixels of the world picture to those of the frame.
+        camera: the camera, whose lens both pictures have; None for a lens without distortion.
     """
 
     picture_from_world: Array
+    camera: Camera | None = None
 
     def picture_from_world_px(self, pixels: npt.ArrayLike) -> Array:
         """Converts pixels [..., 2] of the world picture to pixels of the frame."""
-        return _mapped(self.picture_from_world, pixels)
+        return self._mapped(self.picture_from_world, pixels)
 
     def world_from_picture_px(self, pixels: npt.ArrayLike) -> Array:
         """Converts pixels [..., 2] of the frame to pixels of the world picture."""
-        return _mapped(np.asarray(np.linalg.inv(self.picture_from_world)), pixels)
+        return self._mapped(np.asarray(np.linalg.inv(self.picture_from_world)), pixels)
+
+    def _mapped(self, homography: Array, pixels: npt.ArrayLike) -> Array:
+        array = np.asarray(pixels, dtype=float)
+        if self.camera is not None:
+            array = self.camera.undistorted(array)
+        mapped = np.concatenate([array, np.ones_like(array[..., :1])], axis=-1) @ homography.T
+        straight = np.asarray(mapped[..., :2] / mapped[..., 2:])
+        return straight if self.camera is None else self.camera.distorted(straight)
 
     def turn(self, camera: Camera) -> tuple[float, Array]:
         """Returns the zoom, and the [3, 3] rotation from the camera's frame to that of the frame's camera."""
@@ -226,12 +244,6 @@ class View:
         growth = float(np.sqrt((rows[0] ** 2 + rows[1] ** 2) / 2) / rows[2])
         left, _, right = np.linalg.svd(np.diag([1 / growth, 1 / growth, 1]) @ turn)
         return growth, left @ right
-
-
-def _mapped(homography: Array, pixels: npt.ArrayLike) -> Array:
-    array = np.asarray(pixels, dtype=float)
-    mapped = np.concatenate([array, np.ones_like(array[..., :1])], axis=-1) @ homography.T
-    return np.asarray(mapped[..., :2] / mapped[..., 2:])
 
 
 def _square(pixels: Array) -> Array:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from os import PathLike
@@ -171,5 +171,11 @@ def load(folder: str | PathLike[str]) -> Run:
     # In older versions, a file with one interval has its camera at the top level only.
     segments = camera.get("segments") or [camera]
     cameras = tuple(Camera.from_json(segment) for segment in segments)
-    views = {row["frame"]: View(np.append(row["picture_from_world"], 1.0).reshape(3, 3)) for row in camera.get("motion", [])}
+    views = {row["frame"]: _view(row, cameras) for row in camera.get("motion", [])}
     return Run(folder, cameras, json.loads(summary.read_text(encoding="utf-8")), views)
+
+
+def _view(row: Mapping[str, Any], cameras: tuple[Camera, ...]) -> View:
+    """Reads an entry of `motion` of `camera.json`."""
+    begun = [camera for camera in cameras if camera.span_s[0] <= row["time_s"]]
+    return View(np.append(row["picture_from_world"], 1.0).reshape(3, 3), (begun or list(cameras))[-1])

@@ -29,6 +29,11 @@ class Camera:
         return (width - 1) / 2, (height - 1) / 2
 
     @property
+    def centre_m(self) -> tuple[float, float, float]:
+        """Returns the position of the camera in the world."""
+        return 0.0, 0.0, self.height_m
+
+    @property
     def camera_from_world(self) -> np.ndarray:
         """Returns the 4 × 4 motion; camera axes x right, y down, z forward."""
         cos, sin = np.cos(self.tilt_rad), np.sin(self.tilt_rad)

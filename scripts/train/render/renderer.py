@@ -323,7 +323,7 @@ class Renderer:
         self._environments[light.environment].use(1)
         self._shadow_map.use(2)
         values = {
-            "camera_position": (0.0, 0.0, camera.height_m),
+            "camera_position": camera.centre_m,
             "to_sun": tuple(light.to_sun),
             "sun": tuple(light.sun),
             "sky": tuple(light.sky),

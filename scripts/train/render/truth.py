@@ -70,15 +70,18 @@ def item_record(
     camera: Camera,
     meshes: dict[int, CarMesh],
     frames: list[list[dict]],
-    motion: list[np.ndarray] | None = None,
+    motion: list[np.ndarray | None] | None = None,
 ) -> dict:
     """Returns a still (`fps` None) or a clip; `frames` holds each frame's cars, `meshes` the cars by id.
 
     `motion` has the homography of each frame of a moving camera, from pixels of `camera` to pixels of the frame.
+    It is None in a frame of a camera that is carried along.
     """
     appear = sorted({car["id"] for cars in frames for car in cars})
     entries = [{"frame": k, "time_s": round(k / fps, 6) if fps else 0.0, "cars": cars} for k, cars in enumerate(frames)]
     for entry, picture_from_world in zip(entries, motion or [], strict=False):
+        if picture_from_world is None:
+            continue
         entry["picture_from_world"] = (picture_from_world / picture_from_world[2, 2]).flatten()[:8].tolist()
     return {
         "schema": TRUTH_SCHEMA,

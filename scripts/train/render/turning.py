@@ -3,8 +3,9 @@
   roadplane-train render turning --out DIR
 
 The scenes are those of `render busy`. Each scene is filmed by a camera at rest, and by that camera with each of the
-motions. The camera turns about its own centre, or about a point `arm_m` behind it (motion `off_centre`). All motions
-begin with the camera at rest, so all clips of a scene have the same world frame.
+motions. The camera turns about its own centre, or about a point `arm_m` behind it (motion `off_centre`). The motion
+`carried` has no turn: the camera travels forwards, as on a vehicle. All motions begin with the camera at rest, so all
+clips of a scene have the same world frame.
 """
 
 from __future__ import annotations
@@ -26,15 +27,18 @@ from .stills import WEATHERS
 from .truth import dataset_record, item_record
 
 ARM_M = 0.3  # of the motion `off_centre`
+CARRIED_MPS = 8.0  # speed of the motion `carried`
+CARRIED_FROM = 0.05  # its beginning, as a share of the clip
 PAN_RAD = math.radians(20)  # from the leftmost to the rightmost direction
 
 
 @dataclass(frozen=True)
 class TurnedCamera(Camera):
-    """A camera that is turned about a point on its optical axis, behind its centre."""
+    """A camera that is turned about a point on its optical axis, behind its centre, and moved forwards."""
 
     turn: tuple[float, float, float] = (0.0, 0.0, 0.0)  # pan to the right, tilt down, roll, rad
     arm_m: float = 0.0
+    forwards_m: float = 0.0  # along the horizontal viewing direction
     rotation: np.ndarray = field(init=False, compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -46,12 +50,20 @@ class TurnedCamera(Camera):
         object.__setattr__(self, "rotation", about_z @ about_x @ about_y)
 
     @property
+    def centre_m(self) -> tuple[float, float, float]:
+        """Returns the position of the camera in the world."""
+        pose = self.camera_from_world
+        x_m, y_m, z_m = -pose[:3, :3].T @ pose[:3, 3]
+        return float(x_m), float(y_m), float(z_m)
+
+    @property
     def camera_from_world(self) -> np.ndarray:
         """Returns the 4 × 4 motion; camera axes x right, y down, z forward."""
         at_rest, arm = super().camera_from_world, np.array([0.0, 0.0, self.arm_m])
+        moved = at_rest[:3, 3] - at_rest[:3, 1] * self.forwards_m
         result = np.eye(4)
         result[:3, :3] = self.rotation @ at_rest[:3, :3]
-        result[:3, 3] = self.rotation @ (at_rest[:3, 3] + arm) - arm
+        result[:3, 3] = self.rotation @ (moved + arm) - arm
         return result
 
 
@@ -61,23 +73,30 @@ def turned(camera: Camera, motion: str, time_s: float, seconds: float) -> Turned
     def wave(period_s: float) -> float:
         return math.sin(2 * math.pi * time_s / period_s)
 
-    turn, growth = (0.0, 0.0, 0.0), 1.0
+    turn, growth, forwards_m = (0.0, 0.0, 0.0), 1.0, 0.0
     if motion == "sway":
         turn = 0.02 * wave(3.7), 0.008 * wave(2.3), 0.004 * wave(3.1)
     elif motion in ("pan", "off_centre"):
         turn = PAN_RAD / math.pi * math.asin(wave(seconds)), 0.0, 0.0
     elif motion == "zoom":
         growth = 1 + 0.25 * time_s / seconds
+    elif motion == "carried":
+        forwards_m = CARRIED_MPS * max(0.0, time_s - CARRIED_FROM * seconds)
     arm_m = ARM_M if motion == "off_centre" else 0.0
     pose = camera.height_m, camera.tilt_rad, camera.roll_rad
-    return TurnedCamera(camera.image_size_px, growth * camera.focal_px, *pose, turn, arm_m)
+    return TurnedCamera(camera.image_size_px, growth * camera.focal_px, *pose, turn, arm_m, forwards_m)
 
 
-MOTIONS = ("rest", "sway", "pan", "zoom", "off_centre")
+MOTIONS = ("rest", "sway", "pan", "zoom", "off_centre", "carried")
 
 
-def picture_from_world(at_rest: Camera, camera: TurnedCamera) -> np.ndarray:
-    """Returns the homography K R K⁻¹ from pixels of the camera at rest to pixels of the turned one."""
+def picture_from_world(at_rest: Camera, camera: TurnedCamera) -> np.ndarray | None:
+    """Returns the homography K R K⁻¹ from pixels of the camera at rest to pixels of the turned one.
+
+    A camera that is moved has none.
+    """
+    if camera.forwards_m:
+        return None
 
     def matrix(of: Camera) -> np.ndarray:
         x, y = of.principal_point_px

@@ -4,7 +4,7 @@ use nalgebra::Vector2;
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::Homography;
+use crate::{Homography, ImageSize, Lens, PictureMotion};
 
 /// State of the camera that one picture shows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize, JsonSchema)]
@@ -75,7 +75,7 @@ pub struct WatchRecord {
     /// Mapping from pixels of the camera's first picture to pixels of this picture. Boxes and keypoints of a frame refer
     /// to the first picture where this is set. It is not stored in files: `OneCamera` of the crate `calibrate` sets it.
     #[serde(skip)]
-    pub picture_from_world: Option<Homography>,
+    pub picture_from_world: Option<PictureMotion>,
 }
 
 /// Reason why the vehicles of a frame are not followed.
@@ -90,7 +90,7 @@ pub enum NotFollowedReason {
 }
 
 /// How a picture lies on the picture of an earlier frame. A camera that turns and zooms about its centre gives a
-/// homography, whatever the distances in the scene.
+/// homography between the undistorted pixels of both pictures, whatever the distances in the scene.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct Registration {
     /// Index of the frame whose picture is the reference.
@@ -99,16 +99,48 @@ pub struct Registration {
     /// row. The ninth is 1. Absent if the picture is not displaced.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub homography: Option<[f64; 8]>,
-    /// Sd of a pixel that is mapped by the homography, px: root mean square over the picture.
+    /// Sd of a pixel that is mapped by the homography, px: root mean square over the picture, for a known lens.
     #[schemars(range(min = 0))]
     pub sd_px: f64,
+    /// Lens distortion that fits the two pictures best. Absent if the picture is not displaced, and in files of older
+    /// versions, whose homography holds for distorted pixels.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lens: Option<RegisteredLens>,
+}
+
+/// Lens distortion that two pictures of a turning camera show, and how the homography depends on it.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct RegisteredLens {
+    /// Radial distortion by the division model at half the picture's width, without unit. The homography holds for
+    /// pixels from which it was removed.
+    pub bend: f64,
+    /// Sd of `bend`.
+    #[schemars(range(min = 0))]
+    pub sd: f64,
+    /// Derivatives of the eight numbers of the homography with respect to `bend`. With another distortion, the two
+    /// pictures fit best at the homography that they lead to.
+    pub change: [f64; 8],
 }
 
 impl Registration {
-    /// Returns the mapping from pixels of the reference to pixels of the picture.
+    /// Returns the mapping from pixels of the reference to pixels of the picture, through the lens that fits these two
+    /// pictures best.
     #[must_use]
-    pub fn picture_from_reference(&self) -> Homography {
-        self.homography.and_then(Homography::from_numbers).unwrap_or(Homography::IDENTITY)
+    pub fn picture_from_reference(&self, size: ImageSize) -> PictureMotion {
+        let lens = self.lens.map_or(Lens::STRAIGHT, |lens| Lens::with_distortion(lens.bend, size));
+        let homography = self.homography.and_then(Homography::from_numbers);
+        PictureMotion::new(homography.unwrap_or(Homography::IDENTITY), lens, size)
+    }
+
+    /// Returns the homography from undistorted pixels of the reference to undistorted pixels of the picture, for a lens
+    /// with this distortion at half the picture's width.
+    #[must_use]
+    pub fn homography_for(&self, bend: f64) -> Homography {
+        let Some(mut numbers) = self.homography else { return Homography::IDENTITY };
+        if let Some(lens) = self.lens {
+            numbers.iter_mut().zip(lens.change).for_each(|(n, change)| *n += change * (bend - lens.bend));
+        }
+        Homography::from_numbers(numbers).unwrap_or(Homography::IDENTITY)
     }
 }
 
@@ -154,11 +186,9 @@ impl WatchRecord {
         Vector2::from(self.offset_px)
     }
 
-    /// Returns the mapping from pixels of a reference to pixels of the picture; `None` if the picture was not registered
-    /// on this reference.
+    /// Returns the registration of the picture on a reference; `None` if it was not registered on this reference.
     #[must_use]
-    pub fn picture_from(&self, reference: u64) -> Option<Homography> {
-        let here = self.motion.iter().find(|registration| registration.reference == reference);
-        here.map(Registration::picture_from_reference)
+    pub fn registration_on(&self, reference: u64) -> Option<&Registration> {
+        self.motion.iter().find(|registration| registration.reference == reference)
     }
 }

@@ -43,7 +43,7 @@ fn label_lines(run: &Run, segment: &RunSegment) -> String {
     let centre_px = segment.camera.principal_point_px.into();
     let mut text = String::new();
     for (track, row) in run.rows().into_iter().filter(|(_, row)| segment.contains(row)) {
-        let view = run.motion.get(&row.frame).and_then(FrameMotion::picture_from_world);
+        let view = run.motion.get(&row.frame).and_then(FrameMotion::homography);
         let turn = view.and_then(|view| view.turn(segment.camera.focal_px, &centre_px));
         let turn = turn.map_or(UnitQuaternion::identity(), |turn| turn.rotation.into());
         let camera_from_car = turn * at_rest * row.pose().world_from_car();

@@ -6,6 +6,8 @@ use clap::{Args, Subcommand, ValueEnum};
 
 use roadplane_terminal::ConfigArgs;
 
+use crate::Motion;
+
 /// Arguments of `roadplane-lab eval`.
 #[derive(Debug, Args)]
 pub struct EvalArgs {
@@ -124,6 +126,20 @@ pub struct EvalMotionArgs {
     /// Mirror the videos; the motions have other phases and directions.
     #[arg(long)]
     pub mirrored: bool,
+    /// Motions with which the videos are filmed. The last two need a width of 1280 px.
+    #[arg(
+        long,
+        num_args = 1..,
+        value_name = "MOTION",
+        default_values = [
+            "sway_3px", "sway_12px", "shake_8hz", "drift", "pan", "zoom", "far_pan", "tour",
+        ]
+    )]
+    pub motions: Vec<Motion>,
+    /// Film the videos through a lens with this distortion at half the picture's width (division model): -0.05 is a
+    /// barrel distortion.
+    #[arg(long, value_name = "BEND", default_value_t = 0.0, allow_negative_numbers = true)]
+    pub bend: f64,
     /// Write the tables as CSV and HTML into this folder, and the films and runs into its subfolders.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,

@@ -2,10 +2,12 @@
 
 mod compare;
 mod film;
+mod registrations;
 mod turned;
 
 use std::path::{Path, PathBuf};
 
+use nalgebra::Vector2;
 use roadplane_pipeline::{
     CameraConstraints, Cancel, Config, Existing, Progress, RunOptions, Silent, run_input,
 };
@@ -15,7 +17,8 @@ use roadplane_write::{CameraFile, Summary, WriteError, read_camera, read_summary
 use crate::LabError;
 use crate::finished_run::{FinishedRun, track_count};
 use compare::Rows;
-use film::{Clip, Motion};
+use film::Clip;
+pub use film::Motion;
 
 /// Options of [`evaluate_motion`].
 #[derive(Clone, Debug)]
@@ -30,6 +33,10 @@ pub struct MotionOptions {
     pub is_focal_given: bool,
     /// Whether the videos are mirrored.
     pub mirrored: bool,
+    /// Motions with which videos are filmed.
+    pub motions: Vec<Motion>,
+    /// Distortion of the films' lens at half their width ([`roadplane_base::Lens::distortion`]).
+    pub bend: f64,
 }
 
 /// A finished run with all that the tables need.
@@ -37,6 +44,8 @@ struct Run {
     finished: FinishedRun,
     camera: CameraFile,
     summary: Summary,
+    /// The file of frames.
+    frames: PathBuf,
 }
 
 impl Run {
@@ -79,13 +88,19 @@ impl Runner<'_> {
             existing: Existing::Overwrite,
             constraints: CameraConstraints::focal(focal_px),
             alone: true,
+            frames: true,
             ..RunOptions::new(self.models.to_path_buf())
         };
         let out = self.folder(if scheduled { "runs" } else { "full" })?;
         let folder = run_input(clip, &out, &options, &config, self.cancel, &Silent)?.folder;
         let summary = read_summary(&folder.join("summary.json"))?;
         let camera = read_camera(&folder.join("camera.json"))?;
-        Ok(Run { finished: FinishedRun::read(&folder)?, camera, summary })
+        Ok(Run {
+            finished: FinishedRun::read(&folder)?,
+            camera,
+            summary,
+            frames: folder.join("frames.jsonl"),
+        })
     }
 }
 
@@ -111,7 +126,7 @@ pub fn evaluate_motion(
     if !videos.is_empty() {
         let mut table = empty_table();
         for video in videos {
-            let clip = Clip::open(video, &config.decode, options.seconds, options.mirrored)?;
+            let clip = Clip::open(video, &config.decode, options.seconds, options.mirrored, options.bend)?;
             films(&clip, options, &runner, &mut table)?;
             progress.frame_done();
         }
@@ -138,6 +153,8 @@ fn empty_table() -> Table {
         ("focal, sds", 2),
         ("turns: focal, px", 0),
         ("turns: sd, px", 0),
+        ("bend", 4),
+        ("bend sd", 4),
         ("segments", 0),
         ("frames not followed", 0),
         ("CPU", 2),
@@ -146,7 +163,7 @@ fn empty_table() -> Table {
                 focal lengths are those of the film at rest. \
                 At rest, in view: tracks at rest of which the film shows an observed row. Observed: share of the observed rows at rest, in view of the film, that are also observed in the film. \
                 Place: rms distance of the rows of both films on the ground; missing if the film has several segments. \
-                Focal, sds: difference to the film at rest, in its sds. Turns: focal length from the motion alone. \
+                Focal, sds: difference to the film at rest, in its sds. Turns: focal length from the motion alone. Bend: lens distortion; missing if it was not determined. \
                 CPU: processor time, divided by that of the film at rest without region-of-interest scheduling.";
     Table::new(
         "Films against the film at rest",
@@ -172,7 +189,8 @@ fn films(
     let full_ms = runner.run(&path(Motion::Rest), given(rest_ratio), false)?.cpu_ms();
     let focal_px = options.focal_px.unwrap_or(rest.finished.camera.focal_px / rest_ratio);
     let at_rest = Rows::new(&rest.finished.rows);
-    for motion in clip.motions() {
+    for motion in clip.motions().filter(|motion| *motion == Motion::Rest || options.motions.contains(motion))
+    {
         let ratio = clip.film_focal_ratio(motion, 0.0);
         let moving;
         let run = if motion == Motion::Rest {
@@ -182,8 +200,10 @@ fn films(
             moving = runner.run(&path(motion), given(ratio), true)?;
             &moving
         };
-        let film = |motion: Motion, frame: u64| clip.film_from_clip(motion, frame, focal_px);
-        let change = |frame: u64| film(Motion::Rest, frame).inverse().then(&film(motion, frame));
+        let change = |frame: u64, bbox_px: &[f64; 4]| {
+            let [rest, moving] = [Motion::Rest, motion].map(|motion| clip.view(motion, frame, focal_px));
+            mapped_box(bbox_px, |pixel| moving.film_from_clip(&rest.clip_from_film(pixel)))
+        };
         let difference = at_rest.compare(&Rows::new(&run.finished.rows), clip.film_size(motion), change);
         let segments = run.camera.segments.len().max(1);
         let place = |value: f64| if segments == 1 { value } else { f64::NAN };
@@ -204,6 +224,8 @@ fn films(
             (focal - rest.finished.camera.focal_px) / rest_sd,
             turns_px,
             turns_sd_px,
+            run.camera.camera.lens.as_ref().map_or(f64::NAN, |lens| lens.bend),
+            run.camera.camera.lens.as_ref().map_or(f64::NAN, |lens| lens.bend_sd),
             segments as f64,
             run.summary.counts.frames_not_followed as f64,
             run.cpu_ms() / full_ms,
@@ -212,4 +234,11 @@ fn films(
         table.rows.push(names.into_iter().chain(numbers.map(Cell::from)).collect());
     }
     Ok(())
+}
+
+/// Returns the mapping of a box: the middles of its edges are mapped.
+fn mapped_box([x0, y0, x1, y1]: &[f64; 4], map: impl Fn(&Vector2<f64>) -> Vector2<f64>) -> [f64; 4] {
+    let (x, y) = (0.5 * (x0 + x1), 0.5 * (y0 + y1));
+    let at = |x: f64, y: f64| map(&Vector2::new(x, y));
+    [at(*x0, y).x, at(x, *y0).y, at(*x1, y).x, at(x, *y1).y]
 }

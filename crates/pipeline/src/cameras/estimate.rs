@@ -3,9 +3,9 @@
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use roadplane_base::{CameraEstimate, FrameRecord, ImageSize, Lens, SceneCurve, ShapeAtlas};
+use roadplane_base::{CameraEstimate, FrameRecord, ImageSize, Lens, ShapeAtlas};
 use roadplane_calibrate::{
-    EvidenceBuilder, EvidenceOptions, FuseOptions, Joined, Places, Turns, Window, epochs, fuse, join,
+    EvidenceBuilder, EvidenceOptions, FuseOptions, Joined, Turns, Window, epochs, fuse, join,
 };
 use roadplane_measure::usable;
 
@@ -16,28 +16,28 @@ use crate::cameras::joining::{
 use crate::cameras::known::CameraConstraints;
 use crate::cameras::lens::LensOfClip;
 use crate::cameras::memory::{CameraHistory, look};
+use crate::cameras::optics::Optics;
 use crate::cameras::remembered::{add_remembered, evidence_of, own_epoch};
 use crate::cameras::window::Solving;
 use crate::cameras::witnesses::{Heard, ToldLines, and_witnesses, hear_witnesses};
 use crate::{Config, PipelineError};
 
-/// Estimates the camera from all frames, long edges of the site, user constraints and the camera database.
+/// Estimates the camera from all frames, its lens and motion, user constraints and the camera database.
 ///
 /// If nothing can be estimated the result has the status "unobservable".
 ///
 /// # Errors
 /// Any error of reading a frame; [`PipelineError::Usage`] where constraints belong to other pictures.
-pub fn estimate_cameras(
+pub(crate) fn estimate_cameras(
     frames: impl Iterator<Item = Result<FrameRecord, PipelineError>>,
-    curves: &[SceneCurve],
-    places: &Places,
+    optics: &Optics,
     atlas: &ShapeAtlas,
     known: &CameraConstraints,
     recall: Option<&CameraHistory>,
     config: &Config,
 ) -> Result<CameraTrack, PipelineError> {
+    let lens = optics.lens.as_ref().map_or(Lens::STRAIGHT, LensOfClip::lens);
     let mut known = known.clone();
-    let mut lens: Option<LensOfClip> = None;
     let mut builder = EvidenceBuilder::new(EvidenceOptions {
         window_s: config.calibrate.window_s,
         ..EvidenceOptions::default()
@@ -69,14 +69,9 @@ pub fn estimate_cameras(
     for frame in frames {
         let mut frame = frame?;
         if size.is_none() {
-            known = known.for_pictures(frame.image_size_px)?;
+            known = known.for_pictures(frame.image_size_px)?.seen_through(lens);
         }
         let image_size = *size.get_or_insert(frame.image_size_px);
-        let lens = lens.get_or_insert_with(|| {
-            let lens = LensOfClip::new(curves, image_size, &known, recall, config);
-            known = known.seen_through(lens.lens());
-            lens
-        });
         span_s = [span_s[0].min(frame.time_s), span_s[1].max(frame.time_s)];
         frame_count += 1;
         scene_lines.take(&mut frame);
@@ -85,15 +80,15 @@ pub fn estimate_cameras(
                 **set = usable(set, config.solve.min_keypoint_score);
             }
         }
-        take(builder.push(frame), image_size, lens.lens(), &known);
+        take(builder.push(frame), image_size, lens, &known);
     }
-    let (Some(size), Some(lens)) = (size, lens) else {
+    let (Some(size), Some(of_clip)) = (size, &optics.lens) else {
         return Ok(CameraTrack { visits, ..CameraTrack::default() });
     };
-    take(builder.finish(), size, lens.lens(), &known);
+    take(builder.finish(), size, lens, &known);
     let position = visits.last().map_or(0, |visit| visit.position);
     let (mut untold, parked, headings) = (untold.windows, untold.parked, untold.headings);
-    let mut fuse_options = lens.count(&untold, fuse_options(size, position, &known, config));
+    let mut fuse_options = of_clip.count(&untold, fuse_options(size, position, &known, config));
     let (mut told, told_headings) = told.map(|told| (told.windows, told.headings)).unzip();
     let said = recall.and_then(|recall| {
         let options = fuse_options.for_cars();
@@ -106,7 +101,7 @@ pub fn estimate_cameras(
         }
         Some(said)
     });
-    let turns: BTreeMap<usize, Turns> = places.turns().collect();
+    let turns: BTreeMap<usize, Turns> = optics.places.turns().collect();
     if !known.is_silent() || !turns.is_empty() {
         for windows in told.iter_mut().chain([&mut untold]).filter(|windows| windows.is_empty()) {
             windows.push(nothing_seen(&fuse_options, span_s, 0));

@@ -90,7 +90,7 @@ fn before_cars(
     known: &CameraConstraints,
     config: &Config,
 ) -> (LensOfClip, CameraConstraints, SceneOptions) {
-    let lens = LensOfClip::new(curves, size, known, None, config);
+    let lens = LensOfClip::new(curves, None, size, known, None, config);
     let known = known.seen_through(lens.lens());
     let mut options = config.solve.scene_options(known.focal_px());
     options.lens = lens.lens();

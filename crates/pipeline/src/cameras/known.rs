@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use nalgebra::{Matrix4, Vector2, Vector4};
-use roadplane_base::{Factor, Homography, ImageSize, Lens};
+use roadplane_base::{Factor, ImageSize, Lens, PictureMotion};
 use roadplane_write::{LengthConstraint, WriteError, read_constraints};
 
 pub(crate) use check::{contradiction, in_words as constraint_in_words};
@@ -35,7 +35,7 @@ pub struct CameraConstraints {
     /// Lens through which the ends of lengths are observed.
     seen_through: Lens,
     /// Mapping from pixels of the frames that lengths name to pixels of the camera's first picture.
-    world_from_picture: BTreeMap<u64, Homography>,
+    world_from_picture: BTreeMap<u64, PictureMotion>,
     /// All other constraints.
     facts: Vec<Fact>,
 }
@@ -216,7 +216,7 @@ impl CameraConstraints {
 
     /// Returns the constraints with the positions of the frames that lengths name, and the number of lengths that were
     /// left out. A length is left out if its frame has no position.
-    fn with_frames(&self, world_from_picture: &BTreeMap<u64, Homography>) -> (Self, usize) {
+    fn with_frames(&self, world_from_picture: &BTreeMap<u64, PictureMotion>) -> (Self, usize) {
         let mut known = self.clone();
         known.facts.retain(|fact| fact.frame().is_none_or(|frame| world_from_picture.contains_key(&frame)));
         known.world_from_picture.clone_from(world_from_picture);
@@ -308,7 +308,7 @@ impl Fact {
             }
             Self::Length { length, .. } => {
                 let view = length.frame.and_then(|frame| known.world_from_picture.get(&frame));
-                let view = view.unwrap_or(&Homography::IDENTITY);
+                let view = view.unwrap_or(&PictureMotion::IDENTITY);
                 let growth = view.jacobian(&length.from_px.into()).determinant().abs().sqrt();
                 let on_ray = |end: [f64; 2]| {
                     known.seen_through.undistorted(&(view.apply(&Vector2::from(end)) - size.centre_px()))

@@ -1,8 +1,8 @@
-//! The lens of a clip: given by the user, stored, or estimated from long edges of the site; otherwise without
-//! distortion.
+//! The lens of a clip: given by the user, stored, or estimated from long edges of the site and from turns of the camera;
+//! otherwise without distortion.
 
 use roadplane_base::{Camera, ImageSize, Lens, SceneCurve};
-use roadplane_calibrate::{FuseOptions, LensView, WindowEstimate, fuse};
+use roadplane_calibrate::{FuseOptions, LensView, TurnedLens, WindowEstimate, fuse};
 
 use crate::cameras::memory::CameraHistory;
 use crate::{CameraConstraints, Config};
@@ -17,29 +17,33 @@ pub(crate) struct LensOfClip {
     lens: Lens,
     /// Sd of the distortion (dimensionless); `None` where nothing determines the lens.
     bend_sd: Option<f64>,
-    /// Likelihood of the distortion given the edges; used where nothing else determines the lens.
+    /// Mean and sd of the distortion without the edges (dimensionless).
+    turned: [f64; 2],
+    /// Likelihood of the distortion given the edges and turns; used where nothing else determines the lens.
     view: Option<LensView>,
     /// Size of the pictures.
     size: ImageSize,
 }
 
 impl LensOfClip {
-    /// Takes the lens from the first source that determines it: user, edges or camera database.
+    /// Takes the lens from the first source that determines it: user, edges and turns, or camera database.
     pub(crate) fn new(
         curves: &[SceneCurve],
+        turned: Option<TurnedLens>,
         size: ImageSize,
         known: &CameraConstraints,
         recall: Option<&CameraHistory>,
         config: &Config,
     ) -> Self {
-        let straight = Self { lens: Lens::STRAIGHT, bend_sd: None, view: None, size };
+        let straight = Self { lens: Lens::STRAIGHT, bend_sd: None, turned: [0.0; 2], view: None, size };
         if let Some(lens) = known.lens(size) {
-            return Self { lens, bend_sd: Some(TOLD_BEND_SD), ..straight };
+            let turned = [lens.distortion(size), TOLD_BEND_SD];
+            return Self { lens, bend_sd: Some(TOLD_BEND_SD), turned, ..straight };
         }
         if !config.solve.use_lens {
             return straight;
         }
-        let view = LensView::of(curves, size);
+        let view = LensView::of(curves, turned, size);
         let prior = config.solve.scene_options(known.focal_px()).camera_prior;
         let log_focal =
             known.focal_px().map_or([prior.mean(size).log_focal, prior.log_focal_sd], |f| [f.ln(), 0.0]);
@@ -52,13 +56,14 @@ impl LensOfClip {
             (found.lens, found.bend_sd)
         });
         let bend_sd = |lens: Lens| lens.distortion(size);
+        let turned = LensView::of(&[], turned, size).distortion(log_focal);
         let before = recall.iter().flat_map(|recall| &recall.evidence);
         let before = before.filter(|said| said.image_size_px == size).filter_map(|said| said.lens);
         let all = here.into_iter().chain(before.map(|(lens, sd)| (lens, bend_sd(Lens { per_px2: sd }))));
         // The same site shows the same edges every night. So the most certain lens is used, not the mean.
         match all.reduce(|a, b| if b.1 < a.1 { b } else { a }) {
-            Some((lens, sd)) => Self { lens, bend_sd: Some(sd), view: Some(view), size },
-            None => Self { view: Some(view), ..straight },
+            Some((lens, sd)) => Self { lens, bend_sd: Some(sd), turned, view: Some(view), size },
+            None => Self { turned, view: Some(view), ..straight },
         }
     }
 
@@ -70,6 +75,11 @@ impl LensOfClip {
     /// Returns the sd of the distortion (dimensionless); `None` where nothing determines the lens.
     pub(crate) fn bend_sd(&self) -> Option<f64> {
         self.bend_sd
+    }
+
+    /// Returns the mean and sd of the distortion without the edges (dimensionless).
+    pub(crate) fn turned(&self) -> [f64; 2] {
+        self.turned
     }
 
     /// Adds the uncertainty of the lens and of the principal point to the errors that all cars share.

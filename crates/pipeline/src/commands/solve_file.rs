@@ -4,18 +4,16 @@
 use std::fs::File;
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
-use std::sync::Arc;
 
 use roadplane_base::{CameraEstimate, CameraStatus, CarRecord, FrameRecord, ShapeAtlas};
-use roadplane_calibrate::OneCamera;
 use roadplane_measure::{FrameCamera, any_car, fit_frame, usable};
 use roadplane_solve::{FreeCarFit, SceneOptions, ShapePrior, fit_free_car};
-use roadplane_write::{FrameReader, PoseLines, read_scene_curves, write_camera};
+use roadplane_write::{FrameReader, PoseLines, write_camera};
 
 use crate::cameras::estimate::{estimate_cameras, prior_camera};
 use crate::cameras::frame::{estimate_frame, estimate_frame_as_paper};
 use crate::cameras::known::{contradiction, in_first_picture};
-use crate::estimation::places_of;
+use crate::cameras::optics::Optics;
 use crate::tracks::poses::{CarriedPoses, free_pose_record, pose_record};
 use crate::{CameraConstraints, Cancel, Config, PipelineError, Progress};
 
@@ -61,7 +59,7 @@ pub fn solve_file(
 ) -> Result<(), PipelineError> {
     let atlas = ShapeAtlas::shipped()?;
     let count = lines(frames)?;
-    let places = places_of(frames)?;
+    let optics = Optics::of(frames, &options.constraints, None, config)?;
     let read = |phase: &str| -> Result<_, PipelineError> {
         progress.phase(phase);
         progress.expect(Some(count));
@@ -69,7 +67,7 @@ pub fn solve_file(
             progress.frame_done();
             record.map_err(PipelineError::from)
         });
-        Ok(OneCamera::new(records, Arc::clone(&places)))
+        Ok(optics.convert(records))
     };
     let constraints = &options.constraints;
     let scene = config.solve.scene_options(None);
@@ -86,15 +84,7 @@ pub fn solve_file(
         SolveMethod::Joint => {
             let (constraints, _, warning) = in_first_picture(constraints, None, || read("frames"))?;
             warning.iter().for_each(|warning| tracing::warn!("{warning}"));
-            let cameras = estimate_cameras(
-                read("camera")?,
-                &read_scene_curves(frames)?,
-                &places,
-                &atlas,
-                &constraints,
-                None,
-                config,
-            )?;
+            let cameras = estimate_cameras(read("camera")?, &optics, &atlas, &constraints, None, config)?;
             for frame in read("poses")? {
                 let frame = frame?;
                 if let Some(estimate) = cameras.at(frame.time_s) {

@@ -5,7 +5,7 @@ use std::iter::Peekable;
 use std::path::Path;
 
 use image::RgbImage;
-use roadplane_base::{CameraEstimate, Homography, Shape, ShapeAtlas, TrackRow};
+use roadplane_base::{CameraEstimate, Shape, ShapeAtlas, TrackRow};
 use roadplane_decode::{DecodeOptions, refuse_address};
 use roadplane_measure::FrameCamera;
 use roadplane_view::{
@@ -168,8 +168,10 @@ pub(crate) fn write_report(
         );
     }
     let small = stills.frames();
-    let still_motion: Vec<Option<[f64; 8]>> =
-        small.iter().map(|still| solution.views.at_ms(still.time_ms).map(Homography::numbers)).collect();
+    let still_motion: Vec<Option<[f64; 8]>> = small
+        .iter()
+        .map(|still| solution.views.at_ms(still.time_ms).map(|view| view.homography.numbers()))
+        .collect();
     let is_estimated = !solution.cameras.estimates().is_empty();
     let plain: Vec<PlainFrame<'_>> = samples
         .iter()
@@ -298,7 +300,7 @@ pub fn render_run(
     let config = &as_run(&summary, config);
     let file = read_camera(&run.join("camera.json"))?;
     let estimates: Vec<CameraEstimate> = file.all().iter().map(|segment| segment.estimate()).collect();
-    let (cameras, views) = (CameraTrack::from_estimates(estimates), Views::from_file(&file.motion));
+    let (cameras, views) = (CameraTrack::from_estimates(estimates), Views::from_file(&file));
     let mut shapes = BTreeMap::new();
     for pose in read_jsonl::<roadplane_base::PoseRecord>(&run.join("poses.jsonl"))? {
         let pose = pose?;

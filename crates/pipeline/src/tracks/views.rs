@@ -2,13 +2,13 @@
 
 use std::collections::BTreeMap;
 
-use roadplane_base::{FrameRecord, Homography, ImageSize};
-use roadplane_write::FrameMotion;
+use roadplane_base::{FrameRecord, ImageSize, PictureMotion};
+use roadplane_write::{CameraFile, FrameMotion};
 
 /// Time of a frame, s, and the mapping from pixels of the world picture to its pixels, by frame index. Frames that are
 /// not displaced are missing.
 #[derive(Clone, Debug, Default)]
-pub struct Views(BTreeMap<u64, (f64, Homography)>);
+pub struct Views(BTreeMap<u64, (f64, PictureMotion)>);
 
 impl Views {
     /// Adds a frame, as `calibrate::OneCamera` returns it.
@@ -29,12 +29,12 @@ impl Views {
     }
 
     /// Returns the mapping from the world picture to the picture of a frame; `None` if it is not displaced.
-    pub(crate) fn of(&self, frame: u64) -> Option<&Homography> {
+    pub(crate) fn of(&self, frame: u64) -> Option<&PictureMotion> {
         self.0.get(&frame).map(|(_, picture_from_world)| picture_from_world)
     }
 
     /// Returns the mapping of the frame at a time, ms; `None` if it is not displaced.
-    pub(crate) fn at_ms(&self, time_ms: i64) -> Option<&Homography> {
+    pub(crate) fn at_ms(&self, time_ms: i64) -> Option<&PictureMotion> {
         let at = self.0.values().find(|(time_s, _)| (time_s * 1e3).round() as i64 == time_ms);
         at.map(|(_, picture_from_world)| picture_from_world)
     }
@@ -49,16 +49,16 @@ impl Views {
     /// Returns the motion as `camera.json` stores it.
     #[must_use]
     pub fn to_file(&self) -> Vec<FrameMotion> {
-        let motion = |(frame, (time_s, picture_from_world)): (&u64, &(f64, Homography))| {
-            FrameMotion::new(*frame, *time_s, picture_from_world)
+        let motion = |(frame, (time_s, picture_from_world)): (&u64, &(f64, PictureMotion))| {
+            FrameMotion::new(*frame, *time_s, &picture_from_world.homography)
         };
         self.0.iter().map(motion).collect()
     }
 
     /// Reads the motion of `camera.json`.
     #[must_use]
-    pub fn from_file(motion: &[FrameMotion]) -> Self {
-        let view = |row: &FrameMotion| Some((row.frame, (row.time_s, row.picture_from_world()?)));
-        Self(motion.iter().filter_map(view).collect())
+    pub fn from_file(camera: &CameraFile) -> Self {
+        let view = |row: &FrameMotion| Some((row.frame, (row.time_s, camera.picture_from_world(row)?)));
+        Self(camera.motion.iter().filter_map(view).collect())
     }
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
-use roadplane_base::{Homography, PictureVerdict, Shape, ShapeAtlas};
+use roadplane_base::{PictureMotion, PictureVerdict, Shape, ShapeAtlas};
 use roadplane_geo::Fit;
 use roadplane_traffic::{Clip, Clock};
 use roadplane_write::{
@@ -175,10 +175,10 @@ fn first_frame(summary: &Summary, camera: &CameraFile, segment: usize) -> u64 {
     nearest.map_or(0, |(frame, _)| frame)
 }
 
-fn motion_in(camera: &CameraFile, segment: &CameraSegment) -> BTreeMap<u64, Homography> {
+fn motion_in(camera: &CameraFile, segment: &CameraSegment) -> BTreeMap<u64, PictureMotion> {
     let [from, to] = segment.span_s;
     let here = camera.motion.iter().filter(|row| from <= row.time_s && row.time_s <= to);
-    let inverse = |row: &FrameMotion| Some((row.frame, row.picture_from_world()?.inverse()));
+    let inverse = |row: &FrameMotion| Some((row.frame, segment.picture_from_world(row)?.inverse()));
     here.filter_map(inverse).collect()
 }
 

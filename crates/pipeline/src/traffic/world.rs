@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 
 use nalgebra::Vector2;
-use roadplane_base::{CameraEstimate, GroundPose, Homography, ImageSize};
+use roadplane_base::{CameraEstimate, GroundPose, Homography, ImageSize, PictureMotion};
 use roadplane_geo::Fit;
 
 use crate::tracks::shared_error::shared_covariance;
@@ -13,7 +13,7 @@ use crate::tracks::shared_error::shared_covariance;
 pub(super) struct World {
     camera: CameraEstimate,
     /// World picture from the picture of a frame, for frames whose picture is displaced.
-    world_from_picture: BTreeMap<u64, Homography>,
+    world_from_picture: BTreeMap<u64, PictureMotion>,
     place: Option<Fit>,
     /// Frames in which the camera has this position.
     frames: Vec<Range<u64>>,
@@ -27,7 +27,7 @@ const MOST_PAIRS: usize = 64;
 impl World {
     pub(super) fn new(
         camera: CameraEstimate,
-        world_from_picture: BTreeMap<u64, Homography>,
+        world_from_picture: BTreeMap<u64, PictureMotion>,
         place: Option<Fit>,
         frames: Vec<Range<u64>>,
     ) -> Self {

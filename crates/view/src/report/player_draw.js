@@ -106,11 +106,11 @@ const playerDraw = (data) => {
       const { p, lens: [cx, cy, distortion] } = data.segments[segment] ?? data.segments[0];
       const w = p[8] * x + p[9] * y + p[10] * z + p[11];
       if (w < 1) return null;
-      const [u, v] = [0, 4].map((row) => (p[row] * x + p[row + 1] * y + p[row + 2] * z + p[row + 3]) / w);
+      const [u, v] = moved([0, 4].map((row) => (p[row] * x + p[row + 1] * y + p[row + 2] * z + p[row + 3]) / w));
       // Distortion about the principal point (division model).
       const square = (u - cx) ** 2 + (v - cy) ** 2;
       const scaled = 2 / (1 + Math.sqrt(Math.max(0, 1 - 4 * distortion * square)));
-      return moved([cx + (u - cx) * scaled, cy + (v - cy) * scaled]).map((v) => v * scale);
+      return [cx + (u - cx) * scaled, cy + (v - cy) * scaled].map((v) => v * scale);
     };
     const boxes = [];
     const chosen = data.tracks.find((track) => track.id === selected);

@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 
 use image::RgbImage;
 use nalgebra::{Point3, Vector2};
-use roadplane_base::{CameraEstimate, Homography};
+use roadplane_base::{CameraEstimate, PictureMotion};
 use roadplane_traffic::{Site, TrafficFile, TrafficPlace};
 
 use crate::ViewError;
@@ -36,7 +36,7 @@ pub struct RoadPicture<'a> {
     /// Camera of the picture.
     pub camera: &'a CameraEstimate,
     /// Mapping from pixels of the camera to pixels of the picture; `None` if the picture is not displaced.
-    pub picture_from_world: Option<&'a Homography>,
+    pub picture_from_world: Option<&'a PictureMotion>,
 }
 
 impl RoadPicture<'_> {

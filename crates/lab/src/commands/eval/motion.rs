@@ -17,6 +17,8 @@ pub fn motion(args: &EvalMotionArgs, cancel: &Cancel) -> anyhow::Result<Outcome>
         focal_px: args.focal_px,
         is_focal_given: args.given_focal,
         mirrored: args.mirrored,
+        motions: args.motions.clone(),
+        bend: args.bend,
     };
     let work = Workplace::new(args.out.as_deref())?;
     let report = evaluate_motion(&args.inputs, work.folder(), &options, &config, cancel, &Bar::new("eval"))?;

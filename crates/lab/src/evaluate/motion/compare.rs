@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::Complex;
-use roadplane_base::{Homography, ImageSize, TrackRow, bbox_iou};
+use roadplane_base::{ImageSize, TrackRow, bbox_iou};
 
 /// Least IoU of the boxes of one vehicle in the two runs.
 const SAME: f64 = 0.3;
@@ -50,20 +50,19 @@ impl<'a> Rows<'a> {
     }
 
     /// Compares the rows at rest (`self`) with those of a moving film. `size` is the size of its pictures. The function
-    /// `change` returns the homography from a frame at rest to the frame of the moving film.
+    /// `change` converts a box of a frame at rest to the same frame of the moving film, px.
     pub fn compare(
         &self,
         moving: &Rows<'_>,
         size: ImageSize,
-        change: impl Fn(u64) -> Homography,
+        change: impl Fn(u64, &[f64; 4]) -> [f64; 4],
     ) -> Difference {
         let (mut in_view, mut found) = (0_usize, 0_usize);
         let mut tracks_in_view = BTreeSet::new();
         let mut pairs: Vec<(&TrackRow, &TrackRow)> = Vec::new();
         for (&frame, rows) in &self.0 {
-            let change = change(frame);
             for row in rows.iter().filter(|row| row.observed) {
-                let bbox_px = change.apply_to_box(&row.bbox_px);
+                let bbox_px = change(frame, &row.bbox_px);
                 if share_inside(&bbox_px, size) < IN_VIEW {
                     continue;
                 }
@@ -127,11 +126,11 @@ mod tests {
         let moved: Vec<TrackRow> = (0..10)
             .map(|frame| TrackRow { x_m: -20.0, y_m: 0.0, observed: frame != 5, ..row(frame, 7, 150.0, 0.0) })
             .collect();
-        let shift = Homography::from_numbers([1.0, 0.0, -50.0, 0.0, 1.0, 0.0, 0.0, 0.0]).unwrap();
-        let found = Rows::new(&rest).compare(&Rows::new(&moved), SIZE, |_| shift);
+        let shift = |_, [x0, y0, x1, y1]: &[f64; 4]| [x0 - 50.0, *y0, x1 - 50.0, *y1];
+        let found = Rows::new(&rest).compare(&Rows::new(&moved), SIZE, shift);
         assert_eq!((found.tracks_in_view, found.observed), (1, 1.0));
         assert!(found.near_m < 1e-9 && found.far_sds.is_nan(), "{}", found.near_m);
-        let none = Rows::new(&rest).compare(&Rows::new(&[]), SIZE, |_| shift);
+        let none = Rows::new(&rest).compare(&Rows::new(&[]), SIZE, shift);
         assert_eq!((none.tracks_in_view, none.observed), (1, 0.0));
         assert_eq!(track_count(&rest), 2);
     }

@@ -3,8 +3,8 @@
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 
-use nalgebra::{Matrix3, Rotation3, Vector3};
-use roadplane_base::{Homography, ImageSize};
+use nalgebra::{Matrix3, Rotation3, Vector2, Vector3};
+use roadplane_base::{Homography, ImageSize, Lens};
 use roadplane_decode::{DecodeOptions, open};
 use roadplane_pipeline::PipelineError;
 use roadplane_view::{VideoSink, warped};
@@ -23,15 +23,19 @@ const MARGIN: f64 = 0.01;
 const TOUR: (usize, usize) = (3, 3);
 
 /// A motion of the camera.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Motion {
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+#[value(rename_all = "snake_case")]
+pub enum Motion {
     /// No motion.
     Rest,
     /// Sway of ± 3 px with a period of 1.5 s, as of a pole in wind.
+    #[value(name = "sway_3px")]
     Sway3,
     /// Sway of ± 12 px with a period of 3.7 s, and ± 0.23° of roll.
+    #[value(name = "sway_12px")]
     Sway12,
     /// Shake of ± 2 px at 8 Hz.
+    #[value(name = "shake_8hz")]
     Shake,
     /// Drift of 3 px/s.
     Drift,
@@ -92,17 +96,46 @@ pub(super) struct Clip {
     fps: f64,
     size: ImageSize,
     mirrored: bool,
+    /// Distortion of the film's lens at half its width ([`Lens::distortion`]).
+    bend: f64,
+}
+
+/// How a frame of a film shows the clip.
+pub(super) struct FilmView {
+    /// Homography from pixels of the clip to undistorted pixels of the film.
+    film_from_clip: Homography,
+    clip_from_film: Homography,
+    lens: Lens,
+    centre: Vector2<f64>,
+}
+
+impl FilmView {
+    /// Returns the pixel of the film that shows a pixel of the clip.
+    pub fn film_from_clip(&self, pixel: &Vector2<f64>) -> Vector2<f64> {
+        self.lens.distorted(&(self.film_from_clip.apply(pixel) - self.centre)) + self.centre
+    }
+
+    /// Returns the pixel of the clip that a pixel of the film shows.
+    pub fn clip_from_film(&self, pixel: &Vector2<f64>) -> Vector2<f64> {
+        self.clip_from_film.apply(&(self.lens.undistorted(&(pixel - self.centre)) + self.centre))
+    }
 }
 
 impl Clip {
     /// Opens a clip. The film shows `decode`'s part of it for `seconds`.
-    pub fn open(path: &Path, decode: &DecodeOptions, seconds: f64, mirrored: bool) -> Result<Self, LabError> {
+    pub fn open(
+        path: &Path,
+        decode: &DecodeOptions,
+        seconds: f64,
+        mirrored: bool,
+        bend: f64,
+    ) -> Result<Self, LabError> {
         let end_s = decode.start_s + seconds;
         let decode =
             DecodeOptions { end_s: Some(decode.end_s.map_or(end_s, |end| end.min(end_s))), ..decode.clone() };
         let input = open(path, &decode).map_err(PipelineError::from)?;
         let (fps, size) = (input.nominal_fps(), input.size());
-        Ok(Self { path: path.to_path_buf(), decode, seconds, fps, size, mirrored })
+        Ok(Self { path: path.to_path_buf(), decode, seconds, fps, size, mirrored, bend })
     }
 
     /// Returns the name of the clip in tables and file names.
@@ -160,9 +193,20 @@ impl Clip {
         (turn, growth)
     }
 
-    /// Returns the homography K R K⁻¹ from pixels of the clip to pixels of a film's frame. `focal_px` is the clip's
-    /// focal length.
-    pub fn film_from_clip(&self, motion: Motion, frame: u64, focal_px: f64) -> Homography {
+    /// Returns how a frame of a film shows the clip. `focal_px` is the clip's focal length.
+    pub fn view(&self, motion: Motion, frame: u64, focal_px: f64) -> FilmView {
+        let (film_from_clip, size) = (self.film_from_clip(motion, frame, focal_px), self.film_size(motion));
+        FilmView {
+            film_from_clip,
+            clip_from_film: film_from_clip.inverse(),
+            lens: Lens::with_distortion(self.bend, size),
+            centre: size.centre_px(),
+        }
+    }
+
+    /// Returns the homography K R K⁻¹ from pixels of the clip to undistorted pixels of a film's frame. `focal_px` is the
+    /// clip's focal length.
+    fn film_from_clip(&self, motion: Motion, frame: u64, focal_px: f64) -> Homography {
         let time_s = frame as f64 / self.fps;
         let ([pan, tilt, roll], _) = self.turn(motion, time_s, focal_px);
         let rotation = Rotation3::from_axis_angle(&Vector3::z_axis(), roll)
@@ -194,8 +238,9 @@ impl Clip {
             if self.mirrored {
                 image::imageops::flip_horizontal_in_place(&mut frame.image);
             }
-            let mapping = self.film_from_clip(motion, number, focal_px);
-            let picture = warped(&frame.image, &mapping, size).map_err(PipelineError::from)?;
+            let view = self.view(motion, number, focal_px);
+            let picture = warped(&frame.image, size, |pixel| view.clip_from_film(pixel))
+                .map_err(PipelineError::from)?;
             video.write(&picture).map_err(PipelineError::from)?;
             input.reuse(frame.image);
         }
@@ -206,12 +251,11 @@ impl Clip {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Vector2;
 
     fn clip(width: u32, height: u32) -> Clip {
         let decode = DecodeOptions::default();
         let size = ImageSize { width, height };
-        Clip { path: "a/lot.mp4".into(), decode, seconds: 12.0, fps: 25.0, size, mirrored: false }
+        Clip { path: "a/lot.mp4".into(), decode, seconds: 12.0, fps: 25.0, size, mirrored: false, bend: 0.0 }
     }
 
     #[test]

@@ -12,6 +12,7 @@ use roadplane_tables::{Cell, Column, Table, quantile};
 use roadplane_write::CameraFile;
 
 use super::Runner;
+use super::registrations::Registrations;
 use crate::LabError;
 
 /// Runs all clips of a folder, and returns the tables of their errors.
@@ -31,11 +32,13 @@ pub(super) fn against_truth(folder: &Path, runner: &Runner<'_>) -> Result<Vec<Ta
         ("turns: focal, px", 0),
         ("turns: error, %", 2),
         ("turns: normalised error", 2),
-        ("frames not followed", 0),
+        ("frames not followed, %", 0),
+        ("exit code", 0),
     ];
     let note = "Rendered clips whose camera turns or zooms. Rotation and growth: error of the motion since the first \
                 frame, over all frames in which it was measured. To rest: HOTA fitted, less that of the clip at rest \
-                of the same scene. Turns: the focal length from the motion alone.";
+                of the same scene. Turns: the focal length from the motion alone. A camera that is carried along \
+                cannot be followed, which the exit code 3 says.";
     let mut table = Table::new(
         format!("Turning cameras against truth: {}", folder.display()),
         note,
@@ -43,6 +46,7 @@ pub(super) fn against_truth(folder: &Path, runner: &Runner<'_>) -> Result<Vec<Ta
     );
     let mut at_rest: BTreeMap<String, f64> = BTreeMap::new();
     let (mut focal_errors, mut turn_errors) = (Vec::new(), Vec::new());
+    let mut registrations = Registrations::default();
     let mut items = read_dataset(folder)?.items;
     // The clips at rest come first.
     items.sort_by_key(|path| !is_at_rest(path));
@@ -51,6 +55,7 @@ pub(super) fn against_truth(folder: &Path, runner: &Runner<'_>) -> Result<Vec<Ta
         let media = truth.media.as_ref().ok_or_else(|| LabError::malformed(&path, "media: is null"))?;
         let run = runner.run(media, None, true)?;
         let name = media.file_stem().unwrap_or_default().to_string_lossy().into_owned();
+        registrations.add(&run.frames, &truth)?;
         let frames = run.finished.analysed(&truth);
         let tracks = score_tracks(&truth, &run.finished.rows, |frame, _| frames.contains(&frame));
         let hota = 100.0 * HotaCounts::of(&tracks.sequence).score().hota;
@@ -81,11 +86,12 @@ pub(super) fn against_truth(folder: &Path, runner: &Runner<'_>) -> Result<Vec<Ta
             turns_px,
             100.0 * (turns_px / true_px - 1.0),
             turn_error,
-            run.summary.counts.frames_not_followed as f64,
+            100.0 * run.summary.counts.frames_not_followed as f64 / truth.frames.len() as f64,
+            f64::from(run.summary.exit_code),
         ];
         table.rows.push(std::iter::once(Cell::from(name)).chain(numbers.map(Cell::from)).collect());
     }
-    Ok(vec![table, calibration_table(&focal_errors, &turn_errors)])
+    Ok(vec![table, calibration_table(&focal_errors, &turn_errors), registrations.table()])
 }
 
 fn is_at_rest(path: &Path) -> bool {
@@ -95,7 +101,7 @@ fn is_at_rest(path: &Path) -> bool {
 /// Returns the errors of the motion since the first frame: rotations in degrees, growths in per cent.
 fn motion_errors(camera: &CameraFile, truth: &Truth) -> (Vec<f64>, Vec<f64>) {
     let found: BTreeMap<u64, Homography> =
-        camera.motion.iter().filter_map(|row| Some((row.frame, row.picture_from_world()?))).collect();
+        camera.motion.iter().filter_map(|row| Some((row.frame, row.homography()?))).collect();
     let first = found.get(&0).copied().unwrap_or(Homography::IDENTITY);
     let [mut rotations, mut growths] = [Vec::new(), Vec::new()];
     for frame in &truth.frames {

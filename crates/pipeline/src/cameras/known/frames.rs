@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use roadplane_base::{FrameRecord, Homography};
+use roadplane_base::{FrameRecord, PictureMotion};
 use roadplane_geo::Site;
 
 use crate::{CameraConstraints, PipelineError};
@@ -47,7 +47,7 @@ where
 fn views_of(
     named: &BTreeSet<u64>,
     frames: impl Iterator<Item = Result<FrameRecord, PipelineError>>,
-) -> Result<BTreeMap<u64, Homography>, PipelineError> {
+) -> Result<BTreeMap<u64, PictureMotion>, PipelineError> {
     let mut views = BTreeMap::new();
     for frame in frames {
         let frame = frame?;
@@ -59,7 +59,7 @@ fn views_of(
             continue;
         }
         let picture_from_world = watch.and_then(|watch| watch.picture_from_world);
-        views.insert(frame.frame, picture_from_world.map_or(Homography::IDENTITY, |view| view.inverse()));
+        views.insert(frame.frame, picture_from_world.map_or(PictureMotion::IDENTITY, |view| view.inverse()));
     }
     Ok(views)
 }
@@ -68,6 +68,7 @@ fn views_of(
 mod tests {
     use super::*;
     use nalgebra::Vector2;
+    use roadplane_base::Homography;
     use roadplane_base::{ImageSize, NotFollowedReason, WatchRecord};
 
     #[test]
@@ -78,14 +79,14 @@ mod tests {
             let watch = WatchRecord {
                 place: Some(usize::from(number == 3)),
                 left_out: (number == 2).then_some(NotFollowedReason::NotRegistered),
-                picture_from_world: (number == 1).then_some(shift),
+                picture_from_world: (number == 1).then_some(shift.into()),
                 ..WatchRecord::default()
             };
             Ok(FrameRecord { watch: Some(watch), ..FrameRecord::empty(number, number as f64 * 0.1, size) })
         };
         let views = views_of(&[0, 1, 2, 3, 9].into(), (0..5).map(frame)).unwrap();
         assert_eq!(views.keys().copied().collect::<Vec<_>>(), [0, 1]);
-        assert_eq!(views[&0], Homography::IDENTITY);
+        assert_eq!(views[&0], PictureMotion::IDENTITY);
         assert_eq!(views[&1].apply(&Vector2::new(10.0, 10.0)), Vector2::new(5.0, 13.0));
     }
 }

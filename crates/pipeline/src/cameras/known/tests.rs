@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use nalgebra::Matrix4;
-use roadplane_base::{CameraEstimate, CameraParams, CameraStatus, GroundPlane, Lens};
+use roadplane_base::{CameraEstimate, CameraParams, CameraStatus, GroundPlane, Homography, Lens};
 use roadplane_write::write_camera;
 
 use super::*;
@@ -114,7 +114,7 @@ fn lengths_of_a_frame_are_put_into_the_first_picture() {
     let known = CameraConstraints::new(&options).unwrap();
     // The first picture shows the scene at half the size, shifted.
     let view = Homography::from_numbers([0.5, 0.0, 500.0, 0.0, 0.5, 300.0, 0.0, 0.0]).unwrap();
-    let (known, left_out) = known.with_frames(&[(7, view)].into());
+    let (known, left_out) = known.with_frames(&[(7, view.into())].into());
     assert_eq!(left_out, 1);
     let corner = Vector2::new(0.5 * 959.5 + 500.0, 0.5 * 539.5 + 300.0) - SIZE.centre_px();
     let expected = Factor::Length {
