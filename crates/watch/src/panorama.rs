@@ -33,7 +33,7 @@ const CHAIN_ERROR: f64 = 1.0;
 /// Largest displacement at which the keyframe adapts to the picture, as a share of the picture's width.
 const FOLLOWED_SHIFT: f64 = 0.05;
 /// Step of the distortion by which the change of a homography is converted to pixels of the frame (dimensionless).
-const BEND_STEP: f64 = 1e-3;
+const DISTORTION_STEP: f64 = 1e-3;
 /// Displacement up to which a picture counts as not displaced, px of the frame. It is within the noise of boxes and
 /// keypoints.
 const NOT_DISPLACED_PX: f64 = 0.5;
@@ -296,8 +296,8 @@ fn registration(frame: u64, fit: &Fit, small: &SmallGrey) -> Registration {
         let numbers = std::array::from_fn(|i| scaled[i] + step * fit.change[i]);
         Homography::from_numbers(numbers).map(|mapping| in_frame(&mapping, factor * half_width))
     };
-    let change = match (changed(-BEND_STEP), changed(BEND_STEP)) {
-        (Some(less), Some(more)) => std::array::from_fn(|i| (more[i] - less[i]) / (2.0 * BEND_STEP)),
+    let change = match (changed(-DISTORTION_STEP), changed(DISTORTION_STEP)) {
+        (Some(less), Some(more)) => std::array::from_fn(|i| (more[i] - less[i]) / (2.0 * DISTORTION_STEP)),
         _ => [0.0; 8],
     };
     let rounded = |value: f64, digits: f64| (value * digits).round() / digits + 0.0;

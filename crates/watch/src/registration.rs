@@ -28,9 +28,9 @@ const MOST_LAID: usize = 3;
 const SETTLED: f64 = 0.1;
 
 /// Prior sd of the distortion at half the picture's width (dimensionless). Surveillance lenses reach −0.3.
-const BEND_SD: f64 = 0.15;
+const DISTORTION_SD: f64 = 0.15;
 /// Largest absolute distortion of a fit. Beyond it, a corner of a picture of 4:3 is at infinity.
-const MOST_BEND: f64 = 0.5;
+const MOST_DISTORTION: f64 = 0.5;
 
 /// How a picture lies on a reference.
 #[derive(Clone, Copy, Debug)]
@@ -48,8 +48,12 @@ pub(crate) struct Fit {
 
 impl Fit {
     /// The fit of a picture on itself.
-    pub(crate) const OWN: Self =
-        Self { picture_from_reference: PictureMotion::IDENTITY, sd: 0.0, bend_sd: BEND_SD, change: [0.0; 8] };
+    pub(crate) const OWN: Self = Self {
+        picture_from_reference: PictureMotion::IDENTITY,
+        sd: 0.0,
+        bend_sd: DISTORTION_SD,
+        change: [0.0; 8],
+    };
 }
 
 /// A picture that was registered on a reference.
@@ -171,7 +175,7 @@ type Numbers = SVector<f64, 9>;
 /// Returns the mapping with these numbers; `None` if the homography has no inverse.
 fn motion_of(numbers: &Numbers) -> Option<PictureMotion> {
     let homography = Homography::from_numbers(numbers.fixed_rows::<8>(0).into_owned().into())?;
-    let lens = Lens { per_px2: numbers[8].clamp(-MOST_BEND, MOST_BEND) };
+    let lens = Lens { per_px2: numbers[8].clamp(-MOST_DISTORTION, MOST_DISTORTION) };
     Some(PictureMotion { homography, lens, ..PictureMotion::IDENTITY })
 }
 
@@ -183,8 +187,8 @@ fn mapped(motion: &PictureMotion, p: &Vector2<f64>) -> (Vector2<f64>, SMatrix<f6
     let by_straight = lens.undistorted_by_pixel(&q).try_inverse().unwrap_or_else(nalgebra::Matrix2::identity);
     let mut derivative = SMatrix::<f64, 2, 9>::zeros();
     derivative.fixed_columns_mut::<8>(0).copy_from(&homography.derivative_by_numbers(&straight));
-    let bent = homography.jacobian(&straight) * lens.undistorted_by_lens(p) - lens.undistorted_by_lens(&q);
-    derivative.set_column(8, &bent);
+    let by_lens = homography.jacobian(&straight) * lens.undistorted_by_lens(p) - lens.undistorted_by_lens(&q);
+    derivative.set_column(8, &by_lens);
     (q, by_straight * derivative)
 }
 
@@ -209,7 +213,7 @@ fn refined(
     numbers[8] = start.lens.per_px2;
     prior[8] = 0.0;
     information.fixed_rows_mut::<8>(0).copy_from_slice(&CHANGE_SD.map(|sd| (sd * sd).recip()));
-    information[8] = (BEND_SD * BEND_SD).recip();
+    information[8] = (DISTORTION_SD * DISTORTION_SD).recip();
     let weight_of_block = (unit / BLOCK_SD).powi(2);
     let mut normal = SMatrix::<f64, 9, 9>::zeros();
     let mut reach = 2.0 * AGREES / unit;
@@ -227,7 +231,7 @@ fn refined(
             }
         }
         numbers += normal.cholesky()?.solve(&right);
-        numbers[8] = numbers[8].clamp(-MOST_BEND, MOST_BEND);
+        numbers[8] = numbers[8].clamp(-MOST_DISTORTION, MOST_DISTORTION);
         reach = (reach * 0.8).max(AGREES / unit);
     }
     let motion = motion_of(&numbers)?;

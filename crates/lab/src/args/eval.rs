@@ -138,8 +138,8 @@ pub struct EvalMotionArgs {
     pub motions: Vec<Motion>,
     /// Film the videos through a lens with this distortion at half the picture's width (division model): -0.05 is a
     /// barrel distortion.
-    #[arg(long, value_name = "BEND", default_value_t = 0.0, allow_negative_numbers = true)]
-    pub bend: f64,
+    #[arg(long, value_name = "D", default_value_t = 0.0, allow_negative_numbers = true)]
+    pub distortion: f64,
     /// Write the tables as CSV and HTML into this folder, and the films and runs into its subfolders.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,

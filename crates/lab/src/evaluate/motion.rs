@@ -36,7 +36,7 @@ pub struct MotionOptions {
     /// Motions with which videos are filmed.
     pub motions: Vec<Motion>,
     /// Distortion of the films' lens at half their width ([`roadplane_base::Lens::distortion`]).
-    pub bend: f64,
+    pub distortion: f64,
 }
 
 /// A finished run with all that the tables need.
@@ -126,7 +126,8 @@ pub fn evaluate_motion(
     if !videos.is_empty() {
         let mut table = empty_table();
         for video in videos {
-            let clip = Clip::open(video, &config.decode, options.seconds, options.mirrored, options.bend)?;
+            let clip =
+                Clip::open(video, &config.decode, options.seconds, options.mirrored, options.distortion)?;
             films(&clip, options, &runner, &mut table)?;
             progress.frame_done();
         }
@@ -153,8 +154,8 @@ fn empty_table() -> Table {
         ("focal, sds", 2),
         ("turns: focal, px", 0),
         ("turns: sd, px", 0),
-        ("bend", 4),
-        ("bend sd", 4),
+        ("distortion", 4),
+        ("distortion, sd", 4),
         ("segments", 0),
         ("frames not followed", 0),
         ("CPU", 2),
@@ -163,7 +164,7 @@ fn empty_table() -> Table {
                 focal lengths are those of the film at rest. \
                 At rest, in view: tracks at rest of which the film shows an observed row. Observed: share of the observed rows at rest, in view of the film, that are also observed in the film. \
                 Place: rms distance of the rows of both films on the ground; missing if the film has several segments. \
-                Focal, sds: difference to the film at rest, in its sds. Turns: focal length from the motion alone. Bend: lens distortion; missing if it was not determined. \
+                Focal, sds: difference to the film at rest, in its sds. Turns: focal length from the motion alone. Distortion: that of the lens at half the width; missing if it was not determined. \
                 CPU: processor time, divided by that of the film at rest without region-of-interest scheduling.";
     Table::new(
         "Films against the film at rest",

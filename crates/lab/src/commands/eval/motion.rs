@@ -18,7 +18,7 @@ pub fn motion(args: &EvalMotionArgs, cancel: &Cancel) -> anyhow::Result<Outcome>
         is_focal_given: args.given_focal,
         mirrored: args.mirrored,
         motions: args.motions.clone(),
-        bend: args.bend,
+        distortion: args.distortion,
     };
     let work = Workplace::new(args.out.as_deref())?;
     let report = evaluate_motion(&args.inputs, work.folder(), &options, &config, cancel, &Bar::new("eval"))?;

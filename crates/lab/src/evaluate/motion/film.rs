@@ -97,7 +97,7 @@ pub(super) struct Clip {
     size: ImageSize,
     mirrored: bool,
     /// Distortion of the film's lens at half its width ([`Lens::distortion`]).
-    bend: f64,
+    distortion: f64,
 }
 
 /// How a frame of a film shows the clip.
@@ -128,14 +128,14 @@ impl Clip {
         decode: &DecodeOptions,
         seconds: f64,
         mirrored: bool,
-        bend: f64,
+        distortion: f64,
     ) -> Result<Self, LabError> {
         let end_s = decode.start_s + seconds;
         let decode =
             DecodeOptions { end_s: Some(decode.end_s.map_or(end_s, |end| end.min(end_s))), ..decode.clone() };
         let input = open(path, &decode).map_err(PipelineError::from)?;
         let (fps, size) = (input.nominal_fps(), input.size());
-        Ok(Self { path: path.to_path_buf(), decode, seconds, fps, size, mirrored, bend })
+        Ok(Self { path: path.to_path_buf(), decode, seconds, fps, size, mirrored, distortion })
     }
 
     /// Returns the name of the clip in tables and file names.
@@ -199,7 +199,7 @@ impl Clip {
         FilmView {
             film_from_clip,
             clip_from_film: film_from_clip.inverse(),
-            lens: Lens::with_distortion(self.bend, size),
+            lens: Lens::with_distortion(self.distortion, size),
             centre: size.centre_px(),
         }
     }
@@ -255,7 +255,15 @@ mod tests {
     fn clip(width: u32, height: u32) -> Clip {
         let decode = DecodeOptions::default();
         let size = ImageSize { width, height };
-        Clip { path: "a/lot.mp4".into(), decode, seconds: 12.0, fps: 25.0, size, mirrored: false, bend: 0.0 }
+        Clip {
+            path: "a/lot.mp4".into(),
+            decode,
+            seconds: 12.0,
+            fps: 25.0,
+            size,
+            mirrored: false,
+            distortion: 0.0,
+        }
     }
 
     #[test]
