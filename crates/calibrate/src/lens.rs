@@ -15,7 +15,7 @@
 //!
 //! Turns: pictures of a camera that turns fit each other only through the right lens ([`TurnedLens`]). They count as one
 //! measurement of the distortion. If it is more accurate than the assumption of no distortion, the lens is the posterior
-//! mean.
+//! mean of both.
 //!
 //! Otherwise the lens is used only if it explains the edges a hundred times better than no distortion (a Bayes factor). Also, no
 //! side of the picture may be the only one in favour of it. Otherwise the picture counts as free of distortion. The

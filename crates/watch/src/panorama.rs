@@ -12,7 +12,7 @@ use roadplane_base::{FrameStamp, Homography, PictureMotion, RegisteredLens, Regi
 
 use crate::SmallGrey;
 use crate::reference::{Prepared, Reference};
-use crate::registration::{Fit, Registered, picture_box};
+use crate::registration::{Fit, LensMean, Registered, picture_box};
 use crate::search::{refined, search};
 
 /// Smallest number of blocks with structure that a keyframe needs.
@@ -69,6 +69,8 @@ pub(crate) struct Panorama {
     next_searched: usize,
     /// Whether the place has shown too little structure for a keyframe.
     is_bare: bool,
+    /// What the pictures so far show of the lens.
+    lens: LensMean,
 }
 
 impl Panorama {
@@ -85,7 +87,11 @@ impl Panorama {
             self.keyframes.clear();
         }
         let mut out = Vec::new();
-        let mut found = |keyframe: &Keyframe, fit: &Fit| out.push(registration(keyframe.frame, fit, small));
+        let mut shown = self.lens;
+        let mut found = |keyframe: &Keyframe, fit: &Fit| {
+            shown.add(fit);
+            out.push(registration(keyframe.frame, fit, small));
+        };
         match self.follow(stamp, picture) {
             Some((fit, is_young)) => {
                 let mut here = None;
@@ -99,6 +105,7 @@ impl Panorama {
                     found(&self.keyframes[current], &fit);
                     self.join(current, &fit, keyframe, &home);
                     self.use_keyframe(keyframe, &home);
+                    self.lens = shown;
                     return out;
                 }
                 match self.nearer(&fit, picture) {
@@ -129,6 +136,7 @@ impl Panorama {
                 }
             }
         }
+        self.lens = shown;
         out
     }
 
@@ -142,8 +150,8 @@ impl Panorama {
         let predicted = step.map_or(last, |step| last.then(&step));
         let Registered { fit, shifts, laid } = current
             .reference
-            .registered(picture, &predicted)
-            .or_else(|| step.and_then(|_| current.reference.registered(picture, &last)))?;
+            .registered(picture, &predicted, &self.lens)
+            .or_else(|| step.and_then(|_| current.reference.registered(picture, &last, &self.lens)))?;
         let is_young = is_young(current, &self.keyframes);
         let current = self.keyframes.last_mut()?;
         let size = current.reference.fine().size();
@@ -179,7 +187,7 @@ impl Panorama {
         if farness(&predicted(keyframe), size) > NEARER * now {
             return None;
         }
-        let own = keyframe.reference.registered(picture, &predicted(keyframe))?.fit;
+        let own = keyframe.reference.registered(picture, &predicted(keyframe), &self.lens)?.fit;
         // A fit elsewhere than the chain says is wrong: vehicles have left the keyframe, or cover it.
         let change = predicted(keyframe).homography.inverse().then(&own.picture_from_reference.homography);
         (change.displacement(&picture_box(size)) < CHAIN_ERROR).then_some((other, own))
@@ -194,7 +202,7 @@ impl Panorama {
             (0..count).rev().filter(|i| !is_young || self.keyframes[*i].chain != chain).collect();
         for &i in candidates.iter().take(TRIED_AT_ONCE) {
             let keyframe = &self.keyframes[i];
-            if let Some(found) = keyframe.reference.registered(picture, &keyframe.last.0) {
+            if let Some(found) = keyframe.reference.registered(picture, &keyframe.last.0, &self.lens) {
                 return Some((i, found.fit));
             }
         }
@@ -217,7 +225,7 @@ impl Panorama {
         let middle = Vector2::new(size.0 as f64, size.1 as f64) / 2.0;
         let carried = refined(reference.fine(), picture.smooth(), &found);
         let about = Homography::from(carried).in_coordinates(1.0, -middle);
-        Some(reference.registered(picture, &about.into())?.fit)
+        Some(reference.registered(picture, &about.into(), &self.lens)?.fit)
     }
 
     /// Makes a keyframe the current one, with the position of the current picture on it.
@@ -287,11 +295,12 @@ fn registration(frame: u64, fit: &Fit, small: &SmallGrey) -> Registration {
     let in_frame =
         |mapping: &Homography, scale: f64| mapping.in_coordinates(scale, middle.add_scalar(-0.5)).numbers();
     let PictureMotion { homography, lens, .. } = fit.picture_from_reference;
+    let [distortion, sd] = fit.lens;
     let displaced = factor * homography.displacement(&picture_box((small.width, small.height)));
     let is_displaced = displaced >= NOT_DISPLACED_PX;
-    let numbers = in_frame(&homography, factor);
     // The change of the numbers is that of a small change of the distortion.
     let scaled = homography.in_coordinates(1.0 / half_width, Vector2::zeros()).numbers();
+    let from_prior = distortion - lens.per_px2 * half_width * half_width;
     let changed = |step: f64| {
         let numbers = std::array::from_fn(|i| scaled[i] + step * fit.change[i]);
         Homography::from_numbers(numbers).map(|mapping| in_frame(&mapping, factor * half_width))
@@ -301,13 +310,14 @@ fn registration(frame: u64, fit: &Fit, small: &SmallGrey) -> Registration {
         _ => [0.0; 8],
     };
     let rounded = |value: f64, digits: f64| (value * digits).round() / digits + 0.0;
+    let numbers = changed(from_prior).unwrap_or_else(|| in_frame(&homography, factor));
     Registration {
         reference: frame,
         homography: is_displaced.then(|| Homography::rounded(numbers)),
         sd_px: rounded(factor * fit.sd, 1e3),
         lens: is_displaced.then(|| RegisteredLens {
-            bend: rounded(lens.per_px2 * half_width * half_width, 1e5),
-            sd: rounded(fit.bend_sd, 1e5),
+            bend: rounded(distortion, 1e5),
+            sd: rounded(sd, 1e5),
             change: Homography::rounded(change),
         }),
     }

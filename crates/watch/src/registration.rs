@@ -29,6 +29,9 @@ const SETTLED: f64 = 0.1;
 
 /// Prior sd of the distortion at half the picture's width (dimensionless). Surveillance lenses reach −0.3.
 const DISTORTION_SD: f64 = 0.15;
+/// Least prior sd of the distortion (dimensionless). Pictures of one reference share its error, so their mean is less
+/// accurate than the sum of their information says.
+const LEAST_DISTORTION_SD: f64 = 0.005;
 /// Largest absolute distortion of a fit. Beyond it, a corner of a picture of 4:3 is at infinity.
 const MOST_DISTORTION: f64 = 0.5;
 
@@ -40,8 +43,8 @@ pub(crate) struct Fit {
     /// Sd of a mapped pixel for a known lens, px of the reduced picture: root mean square over the part of the reference
     /// in view.
     pub sd: f64,
-    /// Sd of the distortion at half the picture's width (dimensionless).
-    pub bend_sd: f64,
+    /// Distortion at half the picture's width that the blocks show without the prior, and its sd (dimensionless).
+    pub lens: [f64; 2],
     /// Derivatives of the homography's numbers by the distortion. Lengths are in half widths of the picture.
     pub change: [f64; 8],
 }
@@ -51,9 +54,31 @@ impl Fit {
     pub(crate) const OWN: Self = Self {
         picture_from_reference: PictureMotion::IDENTITY,
         sd: 0.0,
-        bend_sd: DISTORTION_SD,
+        lens: [0.0, DISTORTION_SD],
         change: [0.0; 8],
     };
+}
+
+/// The mean distortion that earlier pictures show. Without it, vehicles that move alike would look like distortion.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct LensMean {
+    /// Sum of the inverse variances of the distortions, and the weighted sum of the distortions.
+    information: f64,
+    weighted: f64,
+}
+
+impl LensMean {
+    pub(crate) fn add(&mut self, fit: &Fit) {
+        let [distortion, sd] = fit.lens;
+        self.information += sd.powi(-2);
+        self.weighted += distortion * sd.powi(-2);
+    }
+
+    /// Returns the prior of the distortion: its mean and its information.
+    fn prior(&self) -> [f64; 2] {
+        let information = self.information + DISTORTION_SD.powi(-2);
+        [self.weighted / information, information.min(LEAST_DISTORTION_SD.powi(-2))]
+    }
 }
 
 /// A picture that was registered on a reference.
@@ -70,11 +95,16 @@ pub(crate) struct Registered {
 impl Reference {
     /// Registers a picture on this reference. `predicted` is about the mapping from the reference to the picture, within
     /// 3 px.
-    pub(crate) fn registered(&self, picture: &Prepared, predicted: &PictureMotion) -> Option<Registered> {
+    pub(crate) fn registered(
+        &self,
+        picture: &Prepared,
+        predicted: &PictureMotion,
+        lens: &LensMean,
+    ) -> Option<Registered> {
         let size = self.fine().size();
         let is_displaced = predicted.homography.displacement(&picture_box(size)) > NOT_LAID;
         let predicted = if is_displaced { *predicted } else { PictureMotion::IDENTITY };
-        let near = self.iterated(picture, &predicted);
+        let near = self.iterated(picture, &predicted, lens);
         let half = predicted.in_scale(0.5);
         let coarse_laid = is_displaced.then(|| picture.coarse().laid_on(self.coarse(), &half));
         let coarse = measured(self.coarse(), coarse_laid.as_ref().unwrap_or(picture.coarse()), &half);
@@ -83,7 +113,7 @@ impl Reference {
         let far = Alignment::of(&coarse)
             .filter(|rest| is_displaced || rest.displacement(size.0 / 2, size.1 / 2) > NOT_LAID)
             .and_then(|rest| corrected(&half, &rest, self.coarse()))
-            .and_then(|mapping| self.iterated(picture, &mapping.in_scale(2.0)));
+            .and_then(|mapping| self.iterated(picture, &mapping.in_scale(2.0), lens));
         let best = match (near, far) {
             (Some(near), Some(far)) if far.agreement > near.agreement => far,
             (Some(near), _) => near,
@@ -96,8 +126,8 @@ impl Reference {
 
     /// Fits the blocks of a picture from a start. A block measures large shifts with a bias, so the picture is laid on the
     /// reference again by the fit.
-    fn iterated(&self, picture: &Prepared, start: &PictureMotion) -> Option<Fitted> {
-        let mut best = self.fitted(picture, start)?;
+    fn iterated(&self, picture: &Prepared, start: &PictureMotion, lens: &LensMean) -> Option<Fitted> {
+        let mut best = self.fitted(picture, start, lens)?;
         let mut mapping = *start;
         for _ in 1..MOST_LAID {
             let change = mapping.homography.inverse().then(&best.fit.picture_from_reference.homography);
@@ -105,7 +135,7 @@ impl Reference {
                 break;
             }
             mapping = best.fit.picture_from_reference;
-            match self.fitted(picture, &mapping) {
+            match self.fitted(picture, &mapping, lens) {
                 Some(next) if next.agreement >= best.agreement => best = next,
                 _ => break,
             }
@@ -114,11 +144,11 @@ impl Reference {
     }
 
     /// Lays a picture on this reference by a mapping, and fits the blocks.
-    fn fitted(&self, picture: &Prepared, mapping: &PictureMotion) -> Option<Fitted> {
+    fn fitted(&self, picture: &Prepared, mapping: &PictureMotion, lens: &LensMean) -> Option<Fitted> {
         let laid = (!mapping.is_identity()).then(|| picture.fine().laid_on(self.fine(), mapping));
         let shifts = measured(self.fine(), laid.as_ref().unwrap_or(picture.fine()), mapping);
         let start = corrected(mapping, &Alignment::of(&shifts)?, self.fine())?;
-        let (fit, agreement) = refined(&start, mapping, &shifts, self.fine().size())?;
+        let (fit, agreement) = refined(&start, mapping, &shifts, self.fine().size(), lens.prior())?;
         Some(Fitted { fit, agreement, shifts, laid })
     }
 }
@@ -199,6 +229,7 @@ fn refined(
     laid_by: &PictureMotion,
     blocks: &[BlockShift],
     (width, height): (usize, usize),
+    [distortion, of_distortion]: [f64; 2],
 ) -> Option<(Fit, f64)> {
     let unit = width as f64 / 2.0;
     let measured: Vec<(Vector2<f64>, Vector2<f64>)> = blocks
@@ -211,9 +242,9 @@ fn refined(
     numbers.fixed_rows_mut::<8>(0).copy_from_slice(&start.homography.numbers());
     let (mut prior, mut information) = (numbers, Numbers::zeros());
     numbers[8] = start.lens.per_px2;
-    prior[8] = 0.0;
+    prior[8] = distortion;
     information.fixed_rows_mut::<8>(0).copy_from_slice(&CHANGE_SD.map(|sd| (sd * sd).recip()));
-    information[8] = (DISTORTION_SD * DISTORTION_SD).recip();
+    information[8] = of_distortion;
     let weight_of_block = (unit / BLOCK_SD).powi(2);
     let mut normal = SMatrix::<f64, 9, 9>::zeros();
     let mut reach = 2.0 * AGREES / unit;
@@ -247,7 +278,10 @@ fn refined(
     let of_lens = normal.fixed_view::<8, 1>(0, 8).into_owned();
     let covariance = normal.fixed_view::<8, 8>(0, 0).into_owned().cholesky()?.inverse();
     let change = -(covariance * of_lens);
-    let bend_sd = (normal[(8, 8)] + of_lens.dot(&change)).max(information[8]).recip().sqrt();
+    // The blocks alone: the prior is taken out again.
+    let with_prior = normal[(8, 8)] + of_lens.dot(&change);
+    let shown = (with_prior - of_distortion).max(DISTORTION_SD.powi(-2));
+    let lens = [(with_prior * numbers[8] - of_distortion * distortion) / shown, shown.sqrt().recip()];
     let aspect = height as f64 / width as f64;
     let inverse = motion.inverse();
     let is_in_view = |p: &Vector2<f64>| p.x.abs() <= 1.0 && p.y.abs() <= aspect;
@@ -261,7 +295,7 @@ fn refined(
         })
         .collect();
     let sd = unit * (variances.iter().sum::<f64>() / variances.len().max(1) as f64).sqrt();
-    let fit = Fit { picture_from_reference: motion.in_scale(unit), sd, bend_sd, change: change.into() };
+    let fit = Fit { picture_from_reference: motion.in_scale(unit), sd, lens, change: change.into() };
     (!variances.is_empty() && sd <= MAX_SD).then_some((fit, agreement))
 }
 
@@ -303,10 +337,10 @@ mod tests {
             let blocks: Vec<BlockShift> = centres.enumerate().map(block).collect();
             let start = Homography::from_numbers([1.0, 0.0, 0.25 * unit, 0.0, 1.0, 1.5, -0.04 / unit, 0.0]);
             let start = PictureMotion { lens: truth.lens, ..PictureMotion::from(start.unwrap()) };
-            let (fit, _) = refined(&start, &PictureMotion::IDENTITY, &blocks, size).unwrap();
-            let found = fit.picture_from_reference.in_scale(1.0 / unit).lens.per_px2;
-            assert!((found - bend).abs() < 3.0 * fit.bend_sd, "{bend}: {found} {}", fit.bend_sd);
-            assert!(fit.bend_sd < 0.005, "{bend}: {}", fit.bend_sd);
+            let prior = LensMean::default().prior();
+            let (fit, _) = refined(&start, &PictureMotion::IDENTITY, &blocks, size, prior).unwrap();
+            let [found, sd] = fit.lens;
+            assert!((found - bend).abs() < 3.0 * sd && sd < 0.005, "{bend}: {found} {sd}");
             let away = |p: Vector2<f64>| (fit.picture_from_reference.apply(&p) - truth.apply(&p)).norm();
             assert!(away(Vector2::new(-140.0, 70.0)) < 0.15 && away(Vector2::zeros()) < 0.1);
         }

@@ -43,11 +43,13 @@ impl LensOfClip {
         if !config.solve.use_lens {
             return straight;
         }
-        let view = LensView::of(curves, turned, size);
+        // Where edges and turns contradict each other, the clip has the lens that it has at rest.
+        let edges = LensView::of(curves, None, size);
+        let view = turned.map_or_else(|| edges.clone(), |turned| LensView::of(curves, Some(turned), size));
         let prior = config.solve.scene_options(known.focal_px()).camera_prior;
         let log_focal =
             known.focal_px().map_or([prior.mean(size).log_focal, prior.log_focal_sd], |f| [f.ln(), 0.0]);
-        let here = view.found(log_focal).map(|found| {
+        let here = edges.found(log_focal).or_else(|| view.found(log_focal)).map(|found| {
             tracing::info!(
                 "the lens distortion is {:.3} ± {:.3} at the picture's side",
                 found.lens.distortion(size),
