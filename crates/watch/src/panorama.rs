@@ -69,7 +69,7 @@ pub(crate) struct Panorama {
     next_searched: usize,
     /// Whether the place has shown too little structure for a keyframe.
     is_bare: bool,
-    /// What the pictures so far show of the lens.
+    /// Mean distortion of the lens that the pictures so far show.
     lens: LensMean,
 }
 
