@@ -129,12 +129,16 @@ impl Reference {
     fn iterated(&self, picture: &Prepared, start: &PictureMotion, lens: &LensMean) -> Option<Fitted> {
         let mut best = self.fitted(picture, start, lens)?;
         let mut mapping = *start;
+        let picture_px = picture_box(self.fine().size());
         for _ in 1..MOST_LAID {
-            let change = mapping.homography.inverse().then(&best.fit.picture_from_reference.homography);
-            if change.displacement(&picture_box(self.fine().size())) < SETTLED {
+            let next = best.fit.picture_from_reference;
+            let change = mapping.homography.inverse().then(&next.homography);
+            if change.displacement(&picture_px) < SETTLED
+                || next.homography.displacement(&picture_px) < NOT_LAID
+            {
                 break;
             }
-            mapping = best.fit.picture_from_reference;
+            mapping = next;
             match self.fitted(picture, &mapping, lens) {
                 Some(next) if next.agreement >= best.agreement => best = next,
                 _ => break,
