@@ -187,16 +187,6 @@ class FinishedRun(unittest.TestCase):
             self.assertEqual(list(bare.poses()), list(self.found.poses()))
             self.assertEqual(len(bare.poses()) + len(bare.poses("polars")), 0)
 
-    def test_a_view_keeps_the_lens(self) -> None:
-        params = np.array([7.0, 0.2, -0.01, 2.0])
-        camera = Camera((0, 9), (1280, 720), (639.5, 359.5), params, np.eye(4), "estimated", bend=-0.1, bend_sd=0.01)
-        half = View(np.diag([0.5, 0.5, 1.0]) + np.array([[0, 0, 319.75], [0, 0, 179.75], [0, 0, 0]]), camera)
-        pixels = np.array([[100.0, 50.0], [1200.0, 700.0]])
-        np.testing.assert_allclose(half.world_from_picture_px(half.picture_from_world_px(pixels)), pixels)
-        # Towards the border, the lens shrinks the picture.
-        away = half.picture_from_world_px([1200.0, 359.5])[0] - 639.5
-        self.assertGreater(away, 0.5 * (1200 - 639.5) + 5)
-
     def test_repr_is_short(self) -> None:
         self.assertEqual(repr(self.found), f"Run({str(self.run_folder)!r}, 1 camera)")
 

@@ -15,6 +15,17 @@ pub fn bbox_moved([x0, y0, x1, y1]: &[f64; 4], by: &Vector2<f64>) -> [f64; 4] {
     [x0 + by.x, y0 + by.y, x1 + by.x, y1 + by.y]
 }
 
+/// Returns the mapping of a box: the middles of its edges are mapped. A rotation does not enlarge the box.
+#[must_use]
+pub fn bbox_mapped(bbox_px: &[f64; 4], map: impl Fn(&Vector2<f64>) -> Vector2<f64>) -> [f64; 4] {
+    let [x0, y0, x1, y1] = bbox_px;
+    let middle = Vector2::new(0.5 * (x0 + x1), 0.5 * (y0 + y1));
+    let at = |x: f64, y: f64| map(&Vector2::new(x, y));
+    let (left, right) = (at(*x0, middle.y).x, at(*x1, middle.y).x);
+    let (top, bottom) = (at(middle.x, *y0).y, at(middle.x, *y1).y);
+    [left.min(right), top.min(bottom), left.max(right), top.max(bottom)]
+}
+
 /// Returns the smallest box that contains both boxes.
 #[must_use]
 pub fn bbox_around(a: &[f64; 4], b: &[f64; 4]) -> [f64; 4] {

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix2, Matrix3, Rotation3, SMatrix, SVector, Vector2, Vector3};
 
-use crate::{KeypointSet, Similarity};
+use crate::Similarity;
 
 /// Least third homogeneous coordinate of a mapped point. Below it, the point is behind the camera or nearly so.
 const LEAST_DEPTH: f64 = 1e-3;
@@ -113,25 +113,6 @@ impl Homography {
             1.0,
         );
         Self::new(change * self.0 * back).unwrap_or(Self::IDENTITY)
-    }
-
-    /// Returns the mapping of a box: the middles of its edges are mapped. A rotation does not enlarge the box.
-    #[must_use]
-    pub fn apply_to_box(&self, [x0, y0, x1, y1]: &[f64; 4]) -> [f64; 4] {
-        let middle = Vector2::new(0.5 * (x0 + x1), 0.5 * (y0 + y1));
-        let at = |x: f64, y: f64| self.apply(&Vector2::new(x, y));
-        let (left, right) = (at(*x0, middle.y).x, at(*x1, middle.y).x);
-        let (top, bottom) = (at(middle.x, *y0).y, at(middle.x, *y1).y);
-        [left.min(right), top.min(bottom), left.max(right), top.max(bottom)]
-    }
-
-    /// Maps the keypoints of a car and their covariances.
-    pub fn apply_to_keypoints(&self, keypoints: &mut KeypointSet) {
-        for point in keypoints.iter_mut().flatten() {
-            let jacobian = self.jacobian(&point.pixel);
-            point.pixel = self.apply(&point.pixel);
-            point.covariance_px2 = jacobian * point.covariance_px2 * jacobian.transpose();
-        }
     }
 
     /// Returns the root mean square displacement, px, of a 5 × 5 grid over a box.

@@ -3,7 +3,7 @@
 
 use nalgebra::{Matrix2, Vector2};
 
-use crate::{Homography, ImageSize, KeypointSet, Lens};
+use crate::{Homography, ImageSize, KeypointSet, Lens, bbox_mapped};
 
 /// Mapping between the pixels of two pictures that one lens shows.
 ///
@@ -100,12 +100,8 @@ impl PictureMotion {
 
     /// Returns the mapping of a box: the middles of its edges are mapped. A rotation does not enlarge the box.
     #[must_use]
-    pub fn apply_to_box(&self, [x0, y0, x1, y1]: &[f64; 4]) -> [f64; 4] {
-        let middle = Vector2::new(0.5 * (x0 + x1), 0.5 * (y0 + y1));
-        let at = |x: f64, y: f64| self.apply(&Vector2::new(x, y));
-        let (left, right) = (at(*x0, middle.y).x, at(*x1, middle.y).x);
-        let (top, bottom) = (at(middle.x, *y0).y, at(middle.x, *y1).y);
-        [left.min(right), top.min(bottom), left.max(right), top.max(bottom)]
+    pub fn apply_to_box(&self, bbox_px: &[f64; 4]) -> [f64; 4] {
+        bbox_mapped(bbox_px, |pixel| self.apply(pixel))
     }
 
     /// Maps the keypoints of a car and their covariances.
@@ -164,7 +160,7 @@ mod tests {
         assert_eq!(motion.apply(&p), motion.homography.apply(&p));
         assert_eq!(
             motion.apply_to_box(&[1.0, 2.0, 30.0, 40.0]),
-            motion.homography.apply_to_box(&[1.0, 2.0, 30.0, 40.0])
+            bbox_mapped(&[1.0, 2.0, 30.0, 40.0], |pixel| motion.homography.apply(pixel))
         );
         let shown = PictureMotion::from(motion.homography).jacobian(&p);
         assert_eq!(shown, motion.homography.jacobian(&p));

@@ -9,7 +9,8 @@ use std::collections::BTreeMap;
 use roadplane_base::Registration;
 
 /// Largest number of pictures of a reference that count as independent. The error of the reference itself is in all of
-/// them. Fitted to the focal lengths of 30 rendered pans: with 10, their errors have an rms of one sd.
+/// them. Fitted to the focal lengths of 30 rendered pans: with 10, their errors have an rms of one sd. The
+/// value is a little more cautious.
 pub(crate) const INDEPENDENT: f64 = 8.0;
 
 /// The distortion that the turns of the camera show, without unit ([`roadplane_base::Lens::distortion`]).

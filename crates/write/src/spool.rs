@@ -149,16 +149,14 @@ pub struct LensTraces {
     pub image_size_px: Option<ImageSize>,
     /// Long edges of the scene ([`roadplane_base::FrameRecord::scene_curves`]) of the frame with the largest number.
     pub curves: Vec<SceneCurve>,
-    /// The most accurate registration of each frame whose picture is displaced.
-    pub registrations: Vec<Registration>,
 }
 
-/// Reads all that a frames file shows about the lens. Other lines than the first and those with such traces are not
-/// parsed.
+/// Reads all that a frames file shows about the lens. `take` gets the most accurate registration of each frame whose
+/// picture is displaced. Other lines than the first and those with such traces are not parsed.
 ///
 /// # Errors
 /// [`WriteError::Malformed`], which names the line; [`WriteError::Io`].
-pub fn read_lens_traces(path: &Path) -> Result<LensTraces, WriteError> {
+pub fn read_lens_traces(path: &Path, mut take: impl FnMut(&Registration)) -> Result<LensTraces, WriteError> {
     #[derive(serde::Deserialize)]
     struct Line {
         image_size_px: Option<ImageSize>,
@@ -186,7 +184,7 @@ pub fn read_lens_traces(path: &Path) -> Result<LensTraces, WriteError> {
             traces.curves = curves;
         }
         let first = found.watch.and_then(|watch| watch.motion.into_iter().next());
-        traces.registrations.extend(first.filter(|first| first.lens.is_some()));
+        first.iter().filter(|first| first.lens.is_some()).for_each(&mut take);
     }
     traces.curves.retain(SceneCurve::is_sound);
     Ok(traces)
@@ -304,11 +302,12 @@ mod tests {
         let frames = [with(&most), record(1), with(&most[..1]), displaced];
         std::fs::write(&path, frames.each_ref().map(|r| serde_json::to_string(r).unwrap()).join("\n"))
             .unwrap();
-        let traces = read_lens_traces(&path).unwrap();
+        let mut registrations = Vec::new();
+        let traces = read_lens_traces(&path, |found| registrations.push(*found)).unwrap();
         assert_eq!(traces.image_size_px, Some(record(0).image_size_px));
-        assert_eq!((&traces.curves[..], &traces.registrations[..]), (&most[..2], &[here][..]));
+        assert_eq!((&traces.curves[..], &registrations[..]), (&most[..2], &[here][..]));
         std::fs::write(&path, "{}\n{\"scene_curves\": 3}\n").unwrap();
-        let error = read_lens_traces(&path).unwrap_err().to_string();
+        let error = read_lens_traces(&path, |_| ()).unwrap_err().to_string();
         assert!(error.starts_with("line 2"), "{error}");
     }
 

@@ -7,7 +7,7 @@ mod turned;
 
 use std::path::{Path, PathBuf};
 
-use nalgebra::Vector2;
+use roadplane_base::bbox_mapped;
 use roadplane_pipeline::{
     CameraConstraints, Cancel, Config, Existing, Progress, RunOptions, Silent, run_input,
 };
@@ -203,7 +203,7 @@ fn films(
         };
         let change = |frame: u64, bbox_px: &[f64; 4]| {
             let [rest, moving] = [Motion::Rest, motion].map(|motion| clip.view(motion, frame, focal_px));
-            mapped_box(bbox_px, |pixel| moving.film_from_clip(&rest.clip_from_film(pixel)))
+            bbox_mapped(bbox_px, |pixel| moving.film_from_clip(&rest.clip_from_film(pixel)))
         };
         let difference = at_rest.compare(&Rows::new(&run.finished.rows), clip.film_size(motion), change);
         let segments = run.camera.segments.len().max(1);
@@ -235,11 +235,4 @@ fn films(
         table.rows.push(names.into_iter().chain(numbers.map(Cell::from)).collect());
     }
     Ok(())
-}
-
-/// Returns the mapping of a box: the middles of its edges are mapped.
-fn mapped_box([x0, y0, x1, y1]: &[f64; 4], map: impl Fn(&Vector2<f64>) -> Vector2<f64>) -> [f64; 4] {
-    let (x, y) = (0.5 * (x0 + x1), 0.5 * (y0 + y1));
-    let at = |x: f64, y: f64| map(&Vector2::new(x, y));
-    [at(*x0, y).x, at(x, *y0).y, at(*x1, y).x, at(x, *y1).y]
 }

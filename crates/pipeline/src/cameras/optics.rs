@@ -30,10 +30,10 @@ impl Optics {
         recall: Option<&CameraHistory>,
         config: &Config,
     ) -> Result<Self, PipelineError> {
-        let LensTraces { image_size_px, curves, registrations } = read_lens_traces(frames)?;
-        let Some(size) = image_size_px else { return Ok(Self::default()) };
         let mut turned = TurnedLensBuilder::default();
-        registrations.iter().for_each(|registration| turned.push(registration));
+        let LensTraces { image_size_px, curves } =
+            read_lens_traces(frames, |registration| turned.push(registration))?;
+        let Some(size) = image_size_px else { return Ok(Self::default()) };
         let known = known.for_pictures(size)?;
         let lens = LensOfClip::new(&curves, turned.finish(), size, &known, recall, config);
         let mut builder = PlacesBuilder::new(lens.lens(), lens.turned());
