@@ -126,13 +126,13 @@ impl Misfit {
 impl Factor {
     /// Sd of the slope of roads and parking lots, along and across the road, rad.
     ///
-    /// Streets are built with a slope of 1–2.5 % across and up to 5 % along the road (estimate). According to
-    /// calibrated cameras, sds from 1.2° to 2.5° are about equally likely. An sd of 1° is 150 times less likely.
-    pub const SLOPE_SD: f64 = 0.026;
-    /// Sd of the slope of steep streets, along and across the road, rad (estimate).
+    /// The three numbers on slopes were chosen on calibrated real cameras and confirmed on rendered ones
+    /// (`docs/book/science.md`, "Vertical lines").
+    pub const SLOPE_SD: f64 = 0.0175;
+    /// Sd of the slope of steep streets, along and across the road, rad.
     pub const STEEP_SD: f64 = 0.087;
-    /// Share of steep streets, 0–1 (estimate).
-    pub const STEEP_SHARE: f64 = 0.1;
+    /// Share of steep streets, 0–1.
+    pub const STEEP_SHARE: f64 = 0.3;
 
     /// Returns the negative log likelihood of a camera, up to a constant.
     #[must_use]

@@ -73,7 +73,9 @@ pub struct ViewErrors {
     ///
     /// It is 1 if the errors of a car's keypoints are independent.
     pub keypoints_as_one: f64,
-    /// Standard deviations of the errors that all cars of a scene share; [`SharedSd`] defines order and units.
+    /// Means of the errors that all cars of a scene share, in the order and units of [`SharedSd`].
+    pub shared_mean: [f64; SHARED_ERRORS],
+    /// Standard deviations of these errors.
     pub shared_sd: SharedSd,
 }
 

@@ -21,7 +21,11 @@ fn view_errors_widen_the_covariance() {
             solve_scene(&atlas, scene.size, &views, &options)
         };
         let errors = |keypoints_as_one: f64, shared: f64| {
-            Some(ViewErrors { keypoints_as_one, shared_sd: [shared, shared, 0.0, 0.0, 0.0] })
+            Some(ViewErrors {
+                keypoints_as_one,
+                shared_mean: [0.0; SHARED_ERRORS],
+                shared_sd: [shared, shared, 0.0, 0.0, 0.0],
+            })
         };
         let sd = |found: &SceneSolution| found.covariance.diagonal().map(f64::sqrt);
         let none = solve(None);
@@ -37,6 +41,34 @@ fn view_errors_widen_the_covariance() {
     }
 }
 
+/// If cars appear as if they were seen from a steeper direction, and this error is expected, the camera stays the same.
+#[test]
+fn an_expected_error_of_the_elevation_is_removed() {
+    let atlas = ShapeAtlas::shipped().unwrap();
+    let error = 0.5_f64.to_radians();
+    let solve = |error: f64, expected: f64| {
+        let options =
+            SynthOptions { cars: 12, noise: 0.01, view_off: [error, 0.0], ..SynthOptions::default() };
+        let scene = scene(&atlas, &options, 5);
+        let view_errors = ViewErrors {
+            keypoints_as_one: 1.0,
+            shared_mean: [expected, 0.0, 0.0, 0.0, 0.0],
+            shared_sd: [0.0; SHARED_ERRORS],
+        };
+        let (camera_prior, view_errors) = (CameraPrior::none(), Some(view_errors));
+        let steps = Steps { bias: false, body_types: false, ..Steps::default() };
+        let options = SceneOptions { camera_prior, view_errors, steps, ..SceneOptions::default() };
+        let found = solve_scene(&atlas, scene.size, &CarView::each(scene.keypoints()), &options);
+        found.params.to_vector()
+    };
+    // Errors of both signs, so that all scenes have the same noise.
+    let [flat, steep, corrected] = [solve(-error, 0.0), solve(error, 0.0), solve(error, 2.0 * error)];
+    for number in 0..2 {
+        let [before, after] = [steep, corrected].map(|camera| (camera - flat)[number].abs());
+        assert!(before > 5e-3 && after < 0.2 * before, "{number}: {before} {after}");
+    }
+}
+
 /// The cross information predicts how much the camera changes if the lens distortion is wrong.
 #[test]
 fn an_error_of_the_lens_moves_the_camera_as_predicted() {
@@ -44,7 +76,11 @@ fn an_error_of_the_lens_moves_the_camera_as_predicted() {
     let scene = scene(&atlas, &SynthOptions { cars: 12, noise: 0.02, ..SynthOptions::default() }, 4);
     let views = CarView::each(scene.keypoints());
     let steps = Steps { bias: false, body_types: false, ..Steps::default() };
-    let view_errors = Some(ViewErrors { keypoints_as_one: 1.0, shared_sd: [0.0; SHARED_ERRORS] });
+    let view_errors = Some(ViewErrors {
+        keypoints_as_one: 1.0,
+        shared_mean: [0.0; SHARED_ERRORS],
+        shared_sd: [0.0; SHARED_ERRORS],
+    });
     let solve = |distortion: f64| {
         let lens = Lens::with_distortion(distortion, scene.size);
         let camera_prior = CameraPrior::none();

@@ -69,7 +69,8 @@ pub enum EvalCommand {
     /// Evaluate the joint solver on synthetic scenes: accuracy against the Cramér–Rao bound, calibration, speed.
     #[command(after_help = "Example:\n  roadplane-lab eval solver --scenes 50 --out tables")]
     Solver(EvalSolverArgs),
-    /// Evaluate the estimated cameras against real reference cameras (cameras.json), by car and by keypoint.
+    /// Evaluate the estimated cameras against reference cameras (cameras.json, or a rendered data set), by car and by
+    /// keypoint.
     #[command(after_help = "Example:\n  roadplane-lab eval cameras FOLDER --out tables")]
     Cameras(EvalCamerasArgs),
     /// Evaluate stored cameras on synthetic clips: error, bound and sd after 1, 3, 10 and 30 nights.
@@ -395,7 +396,7 @@ pub struct EvalSolverArgs {
 /// Arguments of `roadplane-lab eval cameras`.
 #[derive(Debug, Args)]
 pub struct EvalCamerasArgs {
-    /// Folder with cameras.json and the pictures and clips that it names.
+    /// Folder with cameras.json and the pictures and clips that it names, or folder of a rendered data set.
     pub folder: PathBuf,
     /// Write the tables as CSV and HTML into this folder, and the runs into its subfolder runs; a later call reuses
     /// these runs.

@@ -1,4 +1,4 @@
-//! Scores estimated cameras against real reference cameras. The tables show the errors of the cameras, and the causes
+//! Scores estimated cameras against reference cameras, real or rendered. The tables show the errors of the cameras, and the causes
 //! of these errors: errors of single cars and keypoints.
 
 mod cars;
@@ -17,13 +17,15 @@ use roadplane_write::FrameReader;
 
 use crate::LabError;
 use crate::workplace::Workplace;
-use roadplane_metrics::readers::cameras::read_cameras;
+use roadplane_metrics::readers::cameras::read_camera_folder;
 
 use cars::cars_of;
 use measured::Measured;
 use outcome::outcome;
 
-/// Runs the pictures and clips of `folder/cameras.json`, and compares the estimated cameras with the reference cameras.
+/// Runs the pictures and clips of a folder, and compares the estimated cameras with the reference cameras.
+///
+/// The folder has `cameras.json`, or it is a rendered data set.
 ///
 /// Finished runs in the folder `out` are reused. `models` is the folder of the nets, and `config` is the configuration
 /// of the runs. The report has drawings of the cameras with the largest errors. A camera with strong lens distortion
@@ -42,7 +44,7 @@ pub fn evaluate_cameras(
     let atlas = ShapeAtlas::shipped().map_err(roadplane_pipeline::PipelineError::from)?;
     let workplace = Workplace::new(out)?;
     let runs = workplace.folder().join("runs");
-    let cameras = read_cameras(&folder.join("cameras.json"))?;
+    let cameras = read_camera_folder(folder)?;
     progress.expect(Some(cameras.len() as u64));
     let mut measured = Vec::new();
     for camera in cameras {

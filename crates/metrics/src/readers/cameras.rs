@@ -1,7 +1,8 @@
-//! Reads real reference cameras from `cameras.json` (schema `roadplane.cameras/1`).
+//! Reads reference cameras: real ones from `cameras.json` (schema `roadplane.cameras/1`), rendered ones from the truth
+//! files of a data set.
 //!
-//! For each picture or clip, the file gives the focal length, the ground plane and the lens distortion, with their
-//! standard deviations.
+//! For each picture or clip, `cameras.json` gives the focal length, the ground plane and the lens distortion, with
+//! their standard deviations. Rendered cameras are exact.
 
 use std::path::{Path, PathBuf};
 
@@ -11,13 +12,14 @@ use serde::Deserialize;
 
 use crate::MetricsError;
 use crate::text_file::read_text;
+use crate::truth::{Truth, read_dataset, read_truth};
 
 /// Schema id of the file `cameras.json`.
 const SCHEMA: &str = "roadplane.cameras/1";
 /// Largest absolute value of k1 at which a lens is treated as free of distortion.
 const STRAIGHT: f64 = 0.05;
 
-/// A real camera with a known focal length, ground plane and lens distortion.
+/// A camera with a given focal length, ground plane and lens distortion.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ReferenceCamera {
     /// Source and name of the camera, written as `source/name`.
@@ -45,6 +47,26 @@ impl ReferenceCamera {
         let [k1, k2] = self.distortion;
         let lens = Lens::from_opencv(k1, k2, self.focal_px, self.size);
         Camera { lens, ..Camera::pinhole(self.focal_px, self.principal_point_px) }
+    }
+
+    /// Returns the camera of a rendered scene; `None` for a scene without a picture, without a vehicle, or with a camera
+    /// that turns.
+    fn of_truth(truth: &Truth, id: String) -> Option<Self> {
+        let seen = truth.frames.iter().any(|frame| !frame.cars.is_empty());
+        let turns = truth.frames.iter().any(|frame| frame.picture_from_world.is_some());
+        if !seen || turns {
+            return None;
+        }
+        Some(Self {
+            id,
+            media: truth.media.clone()?,
+            size: truth.camera.image_size_px,
+            focal_px: truth.camera.focal_px,
+            principal_point_px: truth.camera.principal_point_px.into(),
+            plane: truth.camera.plane(),
+            distortion: [0.0; 2],
+            sd: [0.0; 4],
+        })
     }
 
     /// Returns whether the lens has hardly any distortion.
@@ -79,6 +101,27 @@ struct Sd {
     tilt_deg: f64,
     roll_deg: f64,
     height_share: f64,
+}
+
+/// Reads the cameras of a folder with `cameras.json`, or of a rendered data set (`dataset.json`).
+///
+/// Scenes of a data set that cannot serve are left out: those without a picture or vehicle, and those whose camera
+/// turns.
+///
+/// # Errors
+/// The errors of [`read_cameras`], [`read_dataset`] and [`read_truth`].
+pub fn read_camera_folder(folder: &Path) -> Result<Vec<ReferenceCamera>, MetricsError> {
+    if !folder.join("dataset.json").is_file() {
+        return read_cameras(&folder.join("cameras.json"));
+    }
+    let dataset = read_dataset(folder)?;
+    let mut cameras = Vec::new();
+    for item in &dataset.items {
+        let scene = item.file_name().unwrap_or_default().to_string_lossy();
+        let scene = scene.split('.').next().unwrap_or_default();
+        cameras.extend(ReferenceCamera::of_truth(&read_truth(item)?, format!("{}/{scene}", dataset.name)));
+    }
+    Ok(cameras)
 }
 
 /// Reads `cameras.json`. Media paths in the file are relative to the folder of the file. The returned paths include
@@ -143,5 +186,17 @@ mod tests {
             std::fs::write(&path, broken).unwrap();
             assert!(matches!(read_cameras(&path), Err(MetricsError::Malformed { .. })));
         }
+    }
+
+    #[test]
+    fn the_scenes_of_a_data_set_are_cameras() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../tests/data/lots");
+        let cameras = read_camera_folder(&folder).unwrap();
+        let dataset = read_dataset(&folder).unwrap();
+        assert_eq!(cameras.len(), dataset.items.len());
+        let truth = read_truth(&dataset.items[0]).unwrap();
+        assert_eq!(Some(&cameras[0].media), truth.media.as_ref());
+        assert_eq!((cameras[0].focal_px, cameras[0].sd), (truth.camera.focal_px, [0.0; 4]));
+        assert_eq!(cameras[0].plane, truth.camera.plane());
     }
 }

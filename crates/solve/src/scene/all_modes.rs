@@ -57,7 +57,7 @@ pub(crate) fn camera_of_all_modes(
     camera_of_cars(&mut all, options)
 }
 
-/// Returns the camera at a problem's minimum, with its bias corrected.
+/// Returns the camera at a problem's minimum, corrected for its bias and for the mean of the errors that cars share.
 ///
 /// The covariance includes the errors that all cars share. Returns `None` if a car cannot be evaluated.
 pub(crate) fn camera_of_cars<const M: usize>(
@@ -76,5 +76,8 @@ pub(crate) fn camera_of_cars<const M: usize>(
     }
     let (cars, _) = information.marginal(options.shared_sd());
     let covariance = problem.knowledge.covariance(&cars, &camera)?;
+    if let Some(errors) = &options.view_errors {
+        camera += covariance * cars * information.correction(errors.shared_mean);
+    }
     Some(FineCamera { camera, information, covariance })
 }

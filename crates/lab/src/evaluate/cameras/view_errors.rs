@@ -1,12 +1,13 @@
 //! Estimates the errors of the direction from which a net sees a car. One error is of each car alone, and all cars of a
 //! camera share the other error.
 //!
-//! The settings `solve.keypoints_as_one` and `solve.shared_view_sd_deg` come from this table.
+//! The settings `solve.keypoints_as_one`, `solve.shared_view_sd_deg` and `solve.shared_view_mean_deg` come from
+//! this table.
 //!
 //! The view error e (elevation or turn) of car k in front of camera c is modelled as
 //!
 //! ```text
-//! e = b_c + d_k        d_k ~ N(0, m σ²), b_c ~ N(0, s² + variance of the truth)
+//! e = b_c + d_k        d_k ~ N(0, m σ²), b_c ~ N(μ, s² + variance of the truth)
 //! ```
 //!
 //! The symbols are:
@@ -15,9 +16,10 @@
 //! - d_k: the own error of car k.
 //! - σ: the sd of d_k if keypoint errors are independent (m = 1). A car that fits badly has a larger σ.
 //! - m: the number of keypoints that share one error.
-//! - s: the sd of b_c.
+//! - μ and s: the mean and the sd of b_c.
 //!
-//! The table has the values of m and s with the greatest likelihood on a grid.
+//! The table has the values of m, s and μ with the greatest likelihood: m and s on a grid, and for each of its points
+//! the best μ in closed form.
 
 use roadplane_tables::{Column, Table, bootstrap_scenes};
 
@@ -36,33 +38,47 @@ struct CameraCars {
     truth_sd: f64,
 }
 
-/// Returns the table of m (number of keypoints that share one error) and s (sd of the error that all cars share).
+/// The cost of a camera's cars at a point of the grid, as a function of μ (rad): `at_zero − slope · μ + bend · μ² / 2`.
+#[derive(Clone, Copy, Debug)]
+struct Cost {
+    at_zero: f64,
+    slope: f64,
+    bend: f64,
+}
+
+/// Returns the table of m (number of keypoints that share one error), and s and μ (sd and mean of the error that all
+/// cars share).
 ///
 /// The table has one row for elevation and one for turn.
 pub(super) fn table(measured: &[&Measured]) -> Table {
     let mut table = Table::new(
         "Errors of view",
         "Most likely values. Keypoints as one: the number of keypoints of a car that share one error. Shared: the sd \
-         of the error that all cars of a camera share. 95 % intervals by resampling cameras.",
-        vec![Column::new("", 0), Column::new("keypoints as one", 1), Column::new("shared, °", 2)],
+         of the error that all cars of a camera share, and its mean. 95 % intervals by resampling cameras.",
+        vec![
+            Column::new("", 0),
+            Column::new("keypoints as one", 1),
+            Column::new("shared, °", 2),
+            Column::new("mean, °", 2),
+        ],
     );
     for (number, name) in ["elevation", "turn"].into_iter().enumerate() {
         let cars_of = |m: &&Measured| CameraCars {
             cars: counted(m).map(|car| [car.errors[number], car.claimed[number]]).collect(),
             truth_sd: m.camera.sd[number + 1],
         };
-        let cameras: Vec<Vec<f64>> = measured.iter().map(|m| costs(&cars_of(m))).collect();
+        let cameras: Vec<Vec<Cost>> = measured.iter().map(|m| costs(&cars_of(m))).collect();
         let of =
             |which: usize| bootstrap_scenes(&cameras, cameras.len(), |chosen| most_likely(chosen)[which]);
-        table.rows.push(vec![name.into(), of(0).into(), of(1).into()]);
+        table.rows.push(vec![name.into(), of(0).into(), of(1).into(), of(2).into()]);
     }
     table
 }
 
 /// Returns the cost (minus log likelihood) of one camera's cars at each point of the grid of m and s.
-fn costs(camera: &CameraCars) -> Vec<f64> {
+fn costs(camera: &CameraCars) -> Vec<Cost> {
     let all = (0..STEPS * STEPS).map(on_grid);
-    all.map(|[as_one, shared_deg]| minus_log_likelihood(camera, as_one, shared_deg.to_radians())).collect()
+    all.map(|[as_one, shared_deg]| cost(camera, as_one, shared_deg.to_radians())).collect()
 }
 
 /// Returns the values of m and s (degrees) at the grid point with index `at`. The first m is one step, the first s is
@@ -71,18 +87,27 @@ fn on_grid(at: usize) -> [f64; 2] {
     [STEP[0] * (at / STEPS + 1) as f64, STEP[1] * (at % STEPS) as f64]
 }
 
-/// Returns the values of m and s (degrees) at the grid point with the least sum of the cameras' costs.
-fn most_likely(cameras: &[&Vec<f64>]) -> [f64; 2] {
-    let sum = |at: usize| cameras.iter().map(|costs| costs[at]).sum::<f64>();
-    let best = (0..STEPS * STEPS).map(|at| (sum(at), at)).min_by(|a, b| a.0.total_cmp(&b.0));
-    best.map_or([0.0; 2], |(_, at)| on_grid(at))
+/// Returns the values of m, s (degrees) and μ (degrees) at which the sum of the cameras' costs is least.
+fn most_likely(cameras: &[&Vec<Cost>]) -> [f64; 3] {
+    let least = |at: usize| {
+        let sum = |of: fn(&Cost) -> f64| cameras.iter().map(|costs| of(&costs[at])).sum::<f64>();
+        let (slope, bend) = (sum(|cost| cost.slope), sum(|cost| cost.bend));
+        let mean = if bend > 0.0 { slope / bend } else { 0.0 };
+        (sum(|cost| cost.at_zero) - 0.5 * slope * mean, mean)
+    };
+    let all = (0..STEPS * STEPS).map(|at| (least(at), at));
+    let best = all.min_by(|((a, _), _), ((b, _), _)| a.total_cmp(b));
+    best.map_or([0.0; 3], |((_, mean), at)| {
+        let [as_one, shared_deg] = on_grid(at);
+        [as_one, shared_deg, mean.to_degrees()]
+    })
 }
 
 /// Returns minus the log likelihood of the errors of one camera's cars.
 ///
 /// The covariance is a diagonal matrix plus the variance that all cars share, so the Sherman–Morrison formula inverts
 /// it.
-fn minus_log_likelihood(camera: &CameraCars, as_one: f64, shared: f64) -> f64 {
+fn cost(camera: &CameraCars, as_one: f64, shared: f64) -> Cost {
     let common = shared * shared + camera.truth_sd * camera.truth_sd;
     let (mut information, mut pull, mut cost) = (0.0, 0.0, 0.0);
     for [error, claimed] in &camera.cars {
@@ -92,7 +117,11 @@ fn minus_log_likelihood(camera: &CameraCars, as_one: f64, shared: f64) -> f64 {
         cost += 0.5 * (error * error / variance + variance.ln());
     }
     let more = 1.0 + common * information;
-    cost + 0.5 * (more.ln() - common * pull * pull / more)
+    Cost {
+        at_zero: cost + 0.5 * (more.ln() - common * pull * pull / more),
+        slope: pull / more,
+        bend: information / more,
+    }
 }
 
 #[cfg(test)]
@@ -101,18 +130,20 @@ mod tests {
     use roadplane_synth::Rng;
 
     #[test]
-    fn the_true_sds_of_simulated_errors_are_found() {
+    fn the_true_mean_and_sds_of_simulated_errors_are_found() {
         let mut random = Rng::new(3);
         let [claimed, shared] = [1.0_f64, 1.0].map(f64::to_radians);
-        let cameras: Vec<Vec<f64>> = (0..300)
+        let mean = 0.5_f64.to_radians();
+        let cameras: Vec<Vec<Cost>> = (0..300)
             .map(|_| {
                 let truth_sd = 0.005;
-                let common = shared.hypot(truth_sd) * random.normal();
+                let common = mean + shared.hypot(truth_sd) * random.normal();
                 let car = |random: &mut Rng| [common + 4_f64.sqrt() * claimed * random.normal(), claimed];
                 costs(&CameraCars { cars: (0..8).map(|_| car(&mut random)).collect(), truth_sd })
             })
             .collect();
         let found = most_likely(&cameras.iter().collect::<Vec<_>>());
-        assert!((found[0] - 4.0).abs() <= 0.5 && (found[1] - 1.0).abs() <= 0.11, "{found:?}");
+        let within = [0.5, 0.11, 0.15];
+        assert!((0..3).all(|i| (found[i] - [4.0, 1.0, 0.5][i]).abs() <= within[i]), "{found:?}");
     }
 }

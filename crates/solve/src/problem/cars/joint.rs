@@ -8,7 +8,8 @@
 //!   of the car's keypoints is multiplied by w / m.
 //! - A neural net may place the keypoints of all cars as if each car were seen from a slightly wrong direction. The
 //!   model is a rotation R(b) of all cars by two small angles b. One axis is horizontal and perpendicular to the line
-//!   of sight, and the other is the line of sight.
+//!   of sight, and the other is the line of sight. The angles have the mean `ViewErrors::shared_mean`, because nets
+//!   place the keypoints of real cars as if the cars were seen from a slightly steeper direction.
 //! - Errors λ of the lens distortion and the principal point shift the undistorted keypoints x of all cars.
 //!
 //! The cost of car k is
@@ -18,8 +19,8 @@
 //! ```
 //!
 //! `(T_k, R_k)` is the pose of the car in the camera frame, X a keypoint in the car frame, π the projection and W the
-//! whitening. The cost is linearised in b and λ at the minimum for b = 0 and λ = 0. So b and λ change the camera's
-//! covariance but not its estimate. Poses and shapes are eliminated, but b and λ are kept, because all frames of a
+//! whitening. The cost is linearised in b and λ at the minimum for b = 0 and λ = 0. So the sds of b and λ change the
+//! camera's covariance, and their means shift its estimate (`JointInformation::correction`). Poses and shapes are eliminated, but b and λ are kept, because all frames of a
 //! scene share them (`base/src/shared.rs`).
 
 use nalgebra::{DMatrix, DVector, Matrix2x3, SMatrix, Vector2, Vector3};
