@@ -76,14 +76,6 @@ impl JointInformation {
         )
     }
 
-    /// Returns the change of the cars' estimate if all cars have the shared errors `errors`: `−I⁻¹ C · errors`.
-    ///
-    /// The order and units of the errors are those of [`SharedSd`].
-    #[must_use]
-    pub fn correction(&self, errors: [f64; SHARED_ERRORS]) -> Vector4<f64> {
-        -self.solved_cross() * Vector5::from(errors)
-    }
-
     /// Returns the same information with a mean for which `camera` minimises the total cost.
     ///
     /// The total cost is the cost of this information plus other costs. `pull` is the gradient of the other costs at
@@ -124,13 +116,6 @@ mod tests {
         let (information, vector) = cars().marginal([0.02, 0.01, 0.0, 0.0, 0.0]);
         let mean = information.try_inverse().unwrap() * vector;
         assert!((mean - Vector4::repeat(0.3)).amax() < 1e-9, "the mean stays: {mean}");
-    }
-
-    #[test]
-    fn a_shared_error_is_subtracted() {
-        // In `cars`, the shared elevation error adds to the tilt alone.
-        let correction = cars().correction([0.02, 0.0, 0.0, 0.0, 0.0]);
-        assert!((correction - Vector4::new(0.0, -0.02, 0.0, 0.0)).amax() < 1e-9, "{correction}");
     }
 
     #[test]

@@ -12,6 +12,14 @@ pub(crate) fn stopped(cancel: &Cancel) -> Result<(), LabError> {
     cancel.signal().map_or(Ok(()), |signal| Err(PipelineError::Stopped { signal }.into()))
 }
 
+/// Returns the configuration for simulated keypoints. Their elevation has no mean error, unlike that of the net on real
+/// cars.
+pub(crate) fn of_simulated_keypoints(config: &Config) -> Config {
+    let mut config = config.clone();
+    config.solve.mean_elevation_error_deg = 0.0;
+    config
+}
+
 /// Returns the first frame of an input.
 ///
 /// # Errors

@@ -217,9 +217,9 @@ pub struct SolveConfig {
     /// first error is in the elevation: the angle between the line of sight and the ground. The second error is in the
     /// rotation of a car in the image plane.
     pub shared_view_sd_deg: [f64; 2],
-    /// Means of these errors, degrees. The first is positive where the nets place the keypoints of all cars as if the
-    /// cars were seen from a steeper direction. The second is positive where all cars appear turned clockwise.
-    pub shared_view_mean_deg: [f64; 2],
+    /// Mean error of the elevation for cars seen from the front or rear, degrees. It is positive where the nets place
+    /// the keypoints as if the cars were seen from a steeper direction.
+    pub mean_elevation_error_deg: f64,
     /// Prior median of the focal length, in units of the longer image side.
     pub focal_prior_ratio: f64,
     /// Prior sd of the natural logarithm of the focal length.
@@ -266,7 +266,7 @@ impl Default for SolveConfig {
         Self {
             keypoints_as_one: 6.0,
             shared_view_sd_deg: [0.9, 1.4],
-            shared_view_mean_deg: [0.6, 0.0],
+            mean_elevation_error_deg: 0.5,
             focal_prior_ratio: prior.focal_ratio,
             focal_prior_log_sd: prior.log_focal_sd,
             tilt_prior_deg: deg(prior.tilt),
@@ -303,7 +303,7 @@ impl SolveConfig {
     /// Returns the options of the solver. `given_focal_px` is an exact focal length from the user, px, if there is one.
     #[must_use]
     pub fn scene_options(&self, given_focal_px: Option<f64>) -> SceneOptions {
-        let of_view = |[elevation, turn]: [f64; 2]| [elevation.to_radians(), turn.to_radians(), 0.0, 0.0, 0.0];
+        let [elevation, turn] = self.shared_view_sd_deg.map(f64::to_radians);
         SceneOptions {
             given_focal_px,
             camera_prior: CameraPrior {
@@ -320,8 +320,8 @@ impl SolveConfig {
             min_inlier_share: self.min_inlier_share,
             view_errors: Some(ViewErrors {
                 keypoints_as_one: self.keypoints_as_one,
-                shared_mean: of_view(self.shared_view_mean_deg),
-                shared_sd: of_view(self.shared_view_sd_deg),
+                mean_elevation: self.mean_elevation_error_deg.to_radians(),
+                shared_sd: [elevation, turn, 0.0, 0.0, 0.0],
             }),
             ..SceneOptions::default()
         }
@@ -494,10 +494,10 @@ impl Config {
         range("keypoints.batch", self.keypoints.batch as f64, 1.0, 256.0)?;
         range("keypoints.min_box_px", self.keypoints.min_box_px, 1.0, 10_000.0)?;
         range("solve.keypoints_as_one", solve.keypoints_as_one, 1.0, 36.0)?;
-        for (sd, mean) in solve.shared_view_sd_deg.into_iter().zip(solve.shared_view_mean_deg) {
-            range("solve.shared_view_sd_deg", sd, 0.0, 30.0)?;
-            range("solve.shared_view_mean_deg", mean, -30.0, 30.0)?;
+        for shared in solve.shared_view_sd_deg {
+            range("solve.shared_view_sd_deg", shared, 0.0, 30.0)?;
         }
+        range("solve.mean_elevation_error_deg", solve.mean_elevation_error_deg, -30.0, 30.0)?;
         range("solve.focal_prior_ratio", solve.focal_prior_ratio, 0.1, 20.0)?;
         range("solve.focal_prior_log_sd", solve.focal_prior_log_sd, 0.01, 10.0)?;
         range("solve.tilt_prior_deg", solve.tilt_prior_deg, -90.0, 90.0)?;

@@ -73,9 +73,12 @@ pub struct ViewErrors {
     ///
     /// It is 1 if the errors of a car's keypoints are independent.
     pub keypoints_as_one: f64,
-    /// Means of the errors that all cars of a scene share, in the order and units of [`SharedSd`].
-    pub shared_mean: [f64; SHARED_ERRORS],
-    /// Standard deviations of these errors.
+    /// Mean error of the elevation from which cars appear to be seen, rad; positive: too steep.
+    ///
+    /// This is the mean for cars seen from the front or rear. For other cars, it is multiplied by cos² φ, where φ is
+    /// the angle on the ground between the car's heading and the line of sight.
+    pub mean_elevation: f64,
+    /// Standard deviations of the errors that all cars of a scene share; [`SharedSd`] defines order and units.
     pub shared_sd: SharedSd,
 }
 

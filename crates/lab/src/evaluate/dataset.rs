@@ -23,7 +23,7 @@ use crate::LabError;
 use crate::parallel::{in_parallel, try_in_parallel};
 use crate::systems::System;
 use crate::tables::boxes_table;
-use crate::work::stopped;
+use crate::work::{of_simulated_keypoints, stopped};
 use crate::workplace::Workplace;
 use roadplane_metrics::truth::{Kind, read_dataset};
 
@@ -82,6 +82,7 @@ pub fn evaluate_dataset(
             .map(|(i, item)| evidence::from_truth(&item.truth, noise, seed(i), options.stride))
             .collect();
         let what = format!("true keypoints, noise {:.1} %", 100.0 * noise);
+        let config = of_simulated_keypoints(&config);
         tables_of(&mut report, &what, &items, &scenes, &atlas, &config, cancel, progress)?;
     }
     progress.phase("boxes");

@@ -23,7 +23,7 @@ use crate::LabError;
 use crate::parallel::try_in_parallel;
 use crate::systems::{solve_fused, solve_recorded};
 use crate::tables::{calibration_table, motion_table, position_table, tracking_table};
-use crate::work::stopped;
+use crate::work::{of_simulated_keypoints, stopped};
 use crate::workplace::Workplace;
 use roadplane_metrics::scoring::{TrackScore, score_tracks};
 use roadplane_metrics::truth::{Kind, Truth, read_dataset, read_truth};
@@ -153,7 +153,8 @@ fn score_clips(
             let seed = options.seed.wrapping_mul(1_000_003).wrapping_add(i as u64);
             let frames = options.noise.measure(truth, options.stride, seed);
             let processed: BTreeSet<u64> = frames.iter().map(|frame| frame.frame).collect();
-            (solve_fused(&atlas, &frames, &constraints, folder, config, cancel)?, Some(processed))
+            let config = of_simulated_keypoints(config);
+            (solve_fused(&atlas, &frames, &constraints, folder, &config, cancel)?, Some(processed))
         };
         progress.frame_done();
         let is_processed = |frame: u64, _: f64| processed.as_ref().is_none_or(|all| all.contains(&frame));

@@ -57,7 +57,7 @@ pub(crate) fn camera_of_all_modes(
     camera_of_cars(&mut all, options)
 }
 
-/// Returns the camera at a problem's minimum, corrected for its bias and for the mean of the errors that cars share.
+/// Returns the camera at a problem's minimum, corrected for its bias and for the mean error of the elevation.
 ///
 /// The covariance includes the errors that all cars share. Returns `None` if a car cannot be evaluated.
 pub(crate) fn camera_of_cars<const M: usize>(
@@ -74,10 +74,10 @@ pub(crate) fn camera_of_cars<const M: usize>(
         let covariance = problem.knowledge.covariance(&alone, &camera)?;
         camera += problem.bias_correction(&covariance).unwrap_or_default();
     }
-    let (cars, _) = information.marginal(options.shared_sd());
+    let (cars, vector) = information.marginal(options.shared_sd());
     let covariance = problem.knowledge.covariance(&cars, &camera)?;
-    if let Some(errors) = &options.view_errors {
-        camera += covariance * cars * information.correction(errors.shared_mean);
+    if options.view_errors.is_some() {
+        camera += covariance * (vector - cars * problem.state.camera);
     }
     Some(FineCamera { camera, information, covariance })
 }

@@ -61,6 +61,8 @@ pub(super) struct SeenCar {
     /// Longer side of the car's box, px.
     pub box_px: f64,
     pub aspect: Aspect,
+    /// cos² of the angle on the ground between the car's heading and the direction to the camera.
+    pub along: f64,
     /// True elevation: the angle above the horizontal from which the camera sees the car, rad.
     pub elevation: f64,
     /// Errors of the pose that is fitted without the ground plane.
@@ -123,10 +125,12 @@ fn seen_car(
     let on_plane = fit.car;
     let pose = on_plane.camera_from_car;
     let towards = pose.inverse().translation.vector.xy();
+    let angle = towards.y.atan2(towards.x).abs();
     let points = points_off(&camera, &pose, keypoints, box_px, |i| atlas.keypoint_in_car(i, &on_plane.shape));
     Some(SeenCar {
         box_px,
-        aspect: Aspect::of(towards.y.atan2(towards.x).abs()),
+        aspect: Aspect::of(angle),
+        along: angle.cos().powi(2),
         elevation: elevation(&up),
         errors,
         claimed,

@@ -1,13 +1,13 @@
 //! Estimates the errors of the direction from which a net sees a car. One error is of each car alone, and all cars of a
 //! camera share the other error.
 //!
-//! The settings `solve.keypoints_as_one`, `solve.shared_view_sd_deg` and `solve.shared_view_mean_deg` come from
+//! The settings `solve.keypoints_as_one`, `solve.shared_view_sd_deg` and `solve.mean_elevation_error_deg` come from
 //! this table.
 //!
 //! The view error e (elevation or turn) of car k in front of camera c is modelled as
 //!
 //! ```text
-//! e = b_c + d_k        d_k ~ N(0, m σ²), b_c ~ N(μ, s² + variance of the truth)
+//! e = g_k μ + b_c + d_k        d_k ~ N(0, m σ²), b_c ~ N(0, s² + variance of the truth)
 //! ```
 //!
 //! The symbols are:
@@ -16,10 +16,12 @@
 //! - d_k: the own error of car k.
 //! - σ: the sd of d_k if keypoint errors are independent (m = 1). A car that fits badly has a larger σ.
 //! - m: the number of keypoints that share one error.
-//! - μ and s: the mean and the sd of b_c.
+//! - s: the sd of b_c.
+//! - μ: the mean error of a car that is seen from the front or rear.
+//! - g_k: cos² of the angle on the ground between the heading of car k and the line of sight.
 //!
-//! The table has the values of m, s and μ with the greatest likelihood: m and s on a grid, and for each of its points
-//! the best μ in closed form.
+//! The table has the values of m, s and μ with the greatest likelihood. The values of m and s are on a grid. For each
+//! point of the grid, the best μ has a closed form.
 
 use roadplane_tables::{Column, Table, bootstrap_scenes};
 
@@ -30,11 +32,11 @@ const STEP: [f64; 2] = [0.5, 0.1];
 /// Number of grid points along each axis.
 const STEPS: usize = 41;
 
-/// The cars of one camera. Each car has a view error and the error's sd for independent keypoints, rad.
+/// The cars of one camera. Each car has a view error, the error's sd for independent keypoints (both rad), and g.
 ///
 /// `truth_sd` is the sd of the reference camera's angle, rad.
 struct CameraCars {
-    cars: Vec<[f64; 2]>,
+    cars: Vec<[f64; 3]>,
     truth_sd: f64,
 }
 
@@ -46,15 +48,15 @@ struct Cost {
     bend: f64,
 }
 
-/// Returns the table of m (number of keypoints that share one error), and s and μ (sd and mean of the error that all
-/// cars share).
+/// Returns the table of the most likely m, s and μ.
 ///
 /// The table has one row for elevation and one for turn.
 pub(super) fn table(measured: &[&Measured]) -> Table {
     let mut table = Table::new(
         "Errors of view",
         "Most likely values. Keypoints as one: the number of keypoints of a car that share one error. Shared: the sd \
-         of the error that all cars of a camera share, and its mean. 95 % intervals by resampling cameras.",
+         of the error that all cars of a camera share. Mean: mean error of cars seen from the front or rear. 95 % \
+         intervals by resampling cameras.",
         vec![
             Column::new("", 0),
             Column::new("keypoints as one", 1),
@@ -64,7 +66,7 @@ pub(super) fn table(measured: &[&Measured]) -> Table {
     );
     for (number, name) in ["elevation", "turn"].into_iter().enumerate() {
         let cars_of = |m: &&Measured| CameraCars {
-            cars: counted(m).map(|car| [car.errors[number], car.claimed[number]]).collect(),
+            cars: counted(m).map(|car| [car.errors[number], car.claimed[number], car.along]).collect(),
             truth_sd: m.camera.sd[number + 1],
         };
         let cameras: Vec<Vec<Cost>> = measured.iter().map(|m| costs(&cars_of(m))).collect();
@@ -110,17 +112,21 @@ fn most_likely(cameras: &[&Vec<Cost>]) -> [f64; 3] {
 fn cost(camera: &CameraCars, as_one: f64, shared: f64) -> Cost {
     let common = shared * shared + camera.truth_sd * camera.truth_sd;
     let (mut information, mut pull, mut cost) = (0.0, 0.0, 0.0);
-    for [error, claimed] in &camera.cars {
+    let (mut sum, mut slope, mut bend) = (0.0, 0.0, 0.0);
+    for [error, claimed, along] in &camera.cars {
         let variance = as_one * claimed * claimed + 1e-12;
         information += 1.0 / variance;
         pull += error / variance;
         cost += 0.5 * (error * error / variance + variance.ln());
+        sum += along / variance;
+        slope += along * error / variance;
+        bend += along * along / variance;
     }
     let more = 1.0 + common * information;
     Cost {
         at_zero: cost + 0.5 * (more.ln() - common * pull * pull / more),
-        slope: pull / more,
-        bend: information / more,
+        slope: slope - common * sum * pull / more,
+        bend: bend - common * sum * sum / more,
     }
 }
 
@@ -137,8 +143,11 @@ mod tests {
         let cameras: Vec<Vec<Cost>> = (0..300)
             .map(|_| {
                 let truth_sd = 0.005;
-                let common = mean + shared.hypot(truth_sd) * random.normal();
-                let car = |random: &mut Rng| [common + 4_f64.sqrt() * claimed * random.normal(), claimed];
+                let common = shared.hypot(truth_sd) * random.normal();
+                let car = |random: &mut Rng| {
+                    let along = random.unit();
+                    [along * mean + common + 4_f64.sqrt() * claimed * random.normal(), claimed, along]
+                };
                 costs(&CameraCars { cars: (0..8).map(|_| car(&mut random)).collect(), truth_sd })
             })
             .collect();

@@ -13,6 +13,7 @@ use roadplane_tables::{Column, Table};
 
 use super::scenes::bound;
 use crate::parallel::in_parallel;
+use crate::work::of_simulated_keypoints;
 
 /// sd of the error in log size that all cars of one site share.
 ///
@@ -146,7 +147,7 @@ fn after(camera: &Camera, count: usize) -> Option<After> {
 
 /// Returns the options with which a run solves a frame.
 fn solve_options() -> SceneOptions {
-    Config::default().solve.scene_options(None)
+    of_simulated_keypoints(&Config::default()).solve.scene_options(None)
 }
 
 /// Returns the options with which a run fuses the evidence of clips.

@@ -8,8 +8,8 @@
 //!   of the car's keypoints is multiplied by w / m.
 //! - A neural net may place the keypoints of all cars as if each car were seen from a slightly wrong direction. The
 //!   model is a rotation R(b) of all cars by two small angles b. One axis is horizontal and perpendicular to the line
-//!   of sight, and the other is the line of sight. The angles have the mean `ViewErrors::shared_mean`, because nets
-//!   place the keypoints of real cars as if the cars were seen from a slightly steeper direction.
+//!   of sight, and the other is the line of sight. The first angle also has a known mean, which depends on the side of
+//!   the car that the camera sees (`ViewErrors::mean_elevation`).
 //! - Errors λ of the lens distortion and the principal point shift the undistorted keypoints x of all cars.
 //!
 //! The cost of car k is
@@ -19,8 +19,8 @@
 //! ```
 //!
 //! `(T_k, R_k)` is the pose of the car in the camera frame, X a keypoint in the car frame, π the projection and W the
-//! whitening. The cost is linearised in b and λ at the minimum for b = 0 and λ = 0. So the sds of b and λ change the
-//! camera's covariance, and their means shift its estimate (`JointInformation::correction`). Poses and shapes are eliminated, but b and λ are kept, because all frames of a
+//! whitening. The cost is linearised in b and λ at the minimum for b = 0 and λ = 0. So b and λ change the camera's
+//! covariance, but of its estimate only the mean of b changes it. Poses and shapes are eliminated, but b and λ are kept, because all frames of a
 //! scene share them (`base/src/shared.rs`).
 
 use nalgebra::{DMatrix, DVector, Matrix2x3, SMatrix, Vector2, Vector3};
@@ -35,23 +35,26 @@ use crate::options::ViewErrors;
 
 /// Number of unknowns that all cars share: the camera (4) and the shared errors.
 const SHARED: usize = 4 + SHARED_ERRORS;
+/// Number of columns of the cars' information: the unknowns that all cars share, and the mean error of the elevation.
+const COLUMNS: usize = SHARED + 1;
 
 impl<const M: usize> GroundProblem<'_, M> {
     /// Returns the cars' information on the camera, and the cross information of camera and shared errors.
     ///
-    /// The problem must be at its minimum. Returns `None` if a car cannot be evaluated.
+    /// The mean of the information is the camera of the problem, corrected for the mean error of the elevation. The problem must be at its minimum. Returns `None` if a car cannot be evaluated.
     pub fn joint_information(&self, errors: &ViewErrors) -> Option<JointInformation> {
-        let mut all = SMatrix::<f64, SHARED, SHARED>::zeros();
+        let mut all = SMatrix::<f64, COLUMNS, COLUMNS>::zeros();
         for (g, group) in self.groups.iter().enumerate() {
             let weight = self.misfit(g, group).weight() / errors.keypoints_as_one;
             let shape_at = ON_PLANE * group.views.len();
             let shared_at = shape_at + M;
-            let size = shared_at + SHARED;
+            let size = shared_at + COLUMNS;
             let mut sum = DMatrix::<f64>::zeros(size, size);
             let mut row = DVector::<f64>::zeros(size);
             for (place, k) in group.views.clone().enumerate() {
                 let view_at = ON_PLANE * place;
                 let by_shared_errors = self.by_shared_errors(&self.views[k], k)?;
+                let mean_elevation = errors.mean_elevation * self.seen_along(k)?;
                 let mut o = 0;
                 self.each_row(k, |keypoint| {
                     let root = (keypoint.right * weight).sqrt();
@@ -60,6 +63,7 @@ impl<const M: usize> GroundProblem<'_, M> {
                         row.rows_mut(view_at, 3).copy_from_slice(&rows[..3]);
                         row.rows_mut(shape_at, M + 4).copy_from_slice(&rows[3..3 + M + 4]);
                         row.rows_mut(shared_at + 4, SHARED_ERRORS).copy_from_slice(by_turn);
+                        row[shared_at + SHARED] = by_turn[0] * mean_elevation;
                         row *= root;
                         sum.syger(1.0, &row, &row, 1.0);
                     }
@@ -78,16 +82,31 @@ impl<const M: usize> GroundProblem<'_, M> {
             // Until here, only the lower triangle is filled.
             sum.fill_upper_triangle_with_lower_triangle();
             let own = sum.view((0, 0), (shared_at, shared_at)).into_owned().cholesky()?;
-            let cross = sum.view((0, shared_at), (shared_at, SHARED)).into_owned();
-            let of_shared = sum.fixed_view::<SHARED, SHARED>(shared_at, shared_at)
+            let cross = sum.view((0, shared_at), (shared_at, COLUMNS)).into_owned();
+            let of_shared = sum.fixed_view::<COLUMNS, COLUMNS>(shared_at, shared_at)
                 - cross.transpose() * own.solve(&cross);
             all += of_shared;
         }
         let information = all.fixed_view::<4, 4>(0, 0).into_owned();
         let information = (information + information.transpose()) / 2.0;
         let cross = all.fixed_view::<4, SHARED_ERRORS>(0, 4).into_owned();
-        let joint = JointInformation { information, cross, vector: information * self.state.camera };
+        let by_mean = all.fixed_view::<4, 1>(0, SHARED);
+        let joint =
+            JointInformation { information, cross, vector: information * self.state.camera - by_mean };
         joint.vector.iter().chain(cross.iter()).all(|v| v.is_finite()).then_some(joint)
+    }
+
+    /// Returns cos² of the angle on the ground between the heading of view `k`'s car and the line of sight.
+    ///
+    /// It is 1 for a car seen from the front or rear, and 0 for one seen from the side. `None` if the camera is
+    /// straight above the car.
+    fn seen_along(&self, k: usize) -> Option<f64> {
+        let camera = CameraFrame::new(&self.state.camera);
+        let frame = self.state.poses[k].frame(&camera)?;
+        let up = camera.up();
+        let level = (frame.origin - up * frame.origin.dot(&up)).try_normalize(1e-9)?;
+        let forward: Vector3<f64> = frame.camera_from_car * Vector3::x();
+        Some(forward.dot(&level).powi(2))
     }
 
     /// Returns the derivatives of a view's residuals with respect to the shared errors.
