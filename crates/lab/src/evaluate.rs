@@ -11,5 +11,6 @@ pub(crate) mod motion;
 pub(crate) mod regions;
 pub(crate) mod run;
 pub mod solver;
+pub(crate) mod speeds;
 pub(crate) mod tracker;
 pub(crate) mod vehicles;

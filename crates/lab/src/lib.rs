@@ -36,6 +36,7 @@ pub use evaluate::kitti::{KittiOptions, evaluate_kitti};
 pub use evaluate::motion::{Motion, MotionOptions, evaluate_motion};
 pub use evaluate::regions::evaluate_regions;
 pub use evaluate::run::evaluate_run;
+pub use evaluate::speeds::{MeasuredSpeeds, evaluate_speeds};
 pub use evaluate::tracker::{Noise, TrackerOptions, evaluate_tracker};
 pub use evaluate::{keypoints, solver};
 pub use finished_run::FinishedRun;

@@ -228,7 +228,7 @@ fn a_street_that_may_be_steep_leaves_mean_and_covariance_of_both() {
         ..window(&CameraEstimate { covariance: Matrix4::identity(), ..place(3, 0, 0, 0).cars })
     };
     // A level street and a steep one are about equally likely.
-    let bend = (truth[1] + 0.12).tan() / 1500.0;
+    let bend = (truth[1] + 0.057).tan() / 1500.0;
     let factor = Factor::VerticalVanishingPoint {
         inverse_distance: bend,
         roll: 0.02,

@@ -39,6 +39,12 @@ pub enum EvalCommand {
         after_help = "Example:\n  roadplane-lab eval motion road.mp4 --set decode.start_s=10 --focal-px 600 --out tables"
     )]
     Motion(EvalMotionArgs),
+    /// Evaluate speeds of finished runs: against times between two gates of known distance, or against truth.
+    #[command(
+        after_help = "Examples:\n  roadplane-lab eval speeds results/road --passings measured.csv\n  roadplane-lab eval speeds \
+                      results/lot --truth lot.truth.json"
+    )]
+    Speeds(EvalSpeedsArgs),
     /// Evaluate activities from 2D motion, 3D motion and pixels against truth (Table 4 of the paper Car Pose in
     /// Context).
     #[command(after_help = "Example:\n  roadplane-lab eval activity tests/data/lots")]
@@ -91,6 +97,33 @@ pub struct EvalRunArgs {
     #[arg(long, value_name = "FILE")]
     pub truth: PathBuf,
     /// Write the tables as CSV and HTML into this folder.
+    #[arg(long, value_name = "DIR")]
+    pub out: Option<PathBuf>,
+}
+
+/// Arguments of `roadplane-lab eval speeds`.
+#[derive(Debug, Args)]
+pub struct EvalSpeedsArgs {
+    /// Folders of finished runs, DIR/<name>.
+    #[arg(required = true, value_name = "RUN")]
+    pub runs: Vec<PathBuf>,
+    /// CSV files of measured passings, one for each run: from_gate, to_gate, distance_m, from_s, to_s. The gates are
+    /// those of roadplane traffic RUN --gates FILE, whose tables must be in the folder of the run.
+    #[arg(
+        long,
+        value_name = "FILE",
+        num_args = 1..,
+        required_unless_present = "truth",
+        conflicts_with = "truth"
+    )]
+    pub passings: Vec<PathBuf>,
+    /// Truth files (roadplane.truth/1), one for each run.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    pub truth: Vec<PathBuf>,
+    /// With --truth: length of the pieces of path over which the speed is compared, m.
+    #[arg(long, value_name = "M", default_value_t = 20.0)]
+    pub distance_m: f64,
+    /// Write the table as CSV and HTML into this folder.
     #[arg(long, value_name = "DIR")]
     pub out: Option<PathBuf>,
 }

@@ -11,6 +11,7 @@ mod regions;
 mod run;
 mod show;
 mod solver;
+mod speeds;
 mod tracker;
 
 use std::path::Path;
@@ -32,6 +33,7 @@ pub fn eval(args: &EvalArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         EvalCommand::Motion(args) => motion::motion(args, cancel),
         EvalCommand::Activity(args) => activity::activity(args, cancel),
         EvalCommand::Kitti(args) => kitti::kitti(args, cancel),
+        EvalCommand::Speeds(args) => speeds::speeds(args),
         EvalCommand::Tracks(args) => files(args, evaluate_mot),
         EvalCommand::Tracker(args) => tracker::tracker(args, cancel),
         EvalCommand::Boxes(args) => files(args, evaluate_coco),
