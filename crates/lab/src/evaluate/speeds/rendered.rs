@@ -81,7 +81,7 @@ fn pieces(path: &[Option<Seen>], distance_m: f64) -> Vec<Passing> {
 /// Returns the track that follows a vehicle in at least half of the frames.
 fn track_of(piece: &[&Seen]) -> Option<u64> {
     let mut frames: BTreeMap<u64, usize> = BTreeMap::new();
-    for track in stretch.iter().filter_map(|seen| seen.track) {
+    for track in piece.iter().filter_map(|seen| seen.track) {
         *frames.entry(track).or_default() += 1;
     }
     let most = frames.into_iter().max_by_key(|(track, count)| (*count, std::cmp::Reverse(*track)));
