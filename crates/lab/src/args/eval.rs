@@ -41,7 +41,7 @@ pub enum EvalCommand {
     Motion(EvalMotionArgs),
     /// Evaluate speeds of finished runs: against times between two gates of known distance, or against truth.
     #[command(
-        after_help = "Examples:\n  roadplane-lab eval speeds results/road --passings measured.csv\n  roadplane-lab eval speeds \
+        after_help = "Examples:\n  roadplane-lab eval speeds results/road --passings measured.csv --traffic counted\n  roadplane-lab eval speeds \
                       results/lot --truth lot.truth.json"
     )]
     Speeds(EvalSpeedsArgs),
@@ -108,7 +108,7 @@ pub struct EvalSpeedsArgs {
     #[arg(required = true, value_name = "RUN")]
     pub runs: Vec<PathBuf>,
     /// CSV files of measured passings, one for each run: from_gate, to_gate, distance_m, from_s, to_s. The gates are
-    /// those of roadplane traffic RUN --gates FILE, whose tables must be in the folder of the run.
+    /// those of roadplane traffic RUN --gates FILE --out DIR.
     #[arg(
         long,
         value_name = "FILE",
@@ -117,6 +117,9 @@ pub struct EvalSpeedsArgs {
         conflicts_with = "truth"
     )]
     pub passings: Vec<PathBuf>,
+    /// With --passings: output folder of roadplane traffic; by default, the folder traffic of each run.
+    #[arg(long, value_name = "DIR", conflicts_with = "truth")]
+    pub traffic: Option<PathBuf>,
     /// Truth files (roadplane.truth/1), one for each run.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     pub truth: Vec<PathBuf>,

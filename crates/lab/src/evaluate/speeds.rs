@@ -53,7 +53,12 @@ pub enum MeasuredSpeeds {
         distance_m: f64,
     },
     /// CSV files of passings between the gates of `roadplane traffic`.
-    Passings(Vec<PathBuf>),
+    Passings {
+        /// Path of each run's file.
+        files: Vec<PathBuf>,
+        /// Output folder of `roadplane traffic`; `None` for the folder `traffic` of each run.
+        traffic: Option<PathBuf>,
+    },
 }
 
 /// Scores the speeds of finished runs. `measured` has one file for each of the folders `runs`.
@@ -61,7 +66,7 @@ pub enum MeasuredSpeeds {
 /// # Errors
 /// [`LabError`] if a file cannot be read, or if the numbers of runs and files differ.
 pub fn evaluate_speeds(runs: &[PathBuf], measured: &MeasuredSpeeds) -> Result<Report, LabError> {
-    let (MeasuredSpeeds::Truth { files, .. } | MeasuredSpeeds::Passings(files)) = measured;
+    let (MeasuredSpeeds::Truth { files, .. } | MeasuredSpeeds::Passings { files, .. }) = measured;
     if runs.len() != files.len() {
         let what = format!("{} runs and {} files: give one file for each run", runs.len(), files.len());
         return Err(LabError::unsuitable(what));
@@ -73,7 +78,10 @@ pub fn evaluate_speeds(runs: &[PathBuf], measured: &MeasuredSpeeds) -> Result<Re
             MeasuredSpeeds::Truth { distance_m, .. } => {
                 rendered::passings(&run, &read_truth(file)?, *distance_m)
             }
-            MeasuredSpeeds::Passings(_) => gates::passings(folder, file)?,
+            MeasuredSpeeds::Passings { traffic, .. } => {
+                let traffic = traffic.clone().unwrap_or_else(|| folder.join("traffic"));
+                gates::passings(&name_of(folder), &traffic, file)?
+            }
         };
         let pairs = passings.iter().filter_map(|passing| pair(passing, &run.rows)).collect();
         scored.push(RunSpeeds { name: name_of(folder), passings: passings.len(), pairs });

@@ -9,7 +9,7 @@ use roadplane_terminal::Outcome;
 /// Prints the table of the errors of speeds.
 pub fn speeds(args: &EvalSpeedsArgs) -> anyhow::Result<Outcome> {
     let measured = if args.truth.is_empty() {
-        MeasuredSpeeds::Passings(args.passings.clone())
+        MeasuredSpeeds::Passings { files: args.passings.clone(), traffic: args.traffic.clone() }
     } else {
         MeasuredSpeeds::Truth { files: args.truth.clone(), distance_m: args.distance_m }
     };

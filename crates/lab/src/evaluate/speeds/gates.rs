@@ -8,8 +8,8 @@ use serde::Deserialize;
 use super::Passing;
 use crate::LabError;
 
-/// Table of `roadplane traffic` in the folder of a run.
-const CROSSINGS: &str = "traffic/crossings.csv";
+/// Table of `roadplane traffic`.
+const CROSSINGS: &str = "crossings.csv";
 /// Largest difference between a measured time at a gate and that of a track, s.
 const SAME_TIME_S: f64 = 0.5;
 
@@ -26,25 +26,31 @@ struct Row {
 /// A row of the table `crossings`.
 #[derive(Deserialize)]
 struct Crossing {
+    clip: String,
     track: u64,
     gate: String,
     time_s: f64,
     probability: f64,
 }
 
-/// Reads the measured passings of a run, and finds the track of each by its times at both gates.
+/// Reads the measured passings of the clip `clip`, and finds the track of each by its times at both gates.
 ///
 /// # Errors
-/// [`LabError`] if a file cannot be read or has another form, or if the run has no crossings of a named gate.
-pub(super) fn passings(run: &Path, file: &Path) -> Result<Vec<Passing>, LabError> {
-    let crossings: Vec<Crossing> = read(&run.join(CROSSINGS))?;
+/// [`LabError`] if a file cannot be read or has another form, or if no vehicle of the clip crosses a named gate.
+pub(super) fn passings(clip: &str, traffic: &Path, file: &Path) -> Result<Vec<Passing>, LabError> {
+    let table = traffic.join(CROSSINGS);
+    if !table.is_file() {
+        let what = "is missing: first run roadplane traffic RUN --gates FILE --out DIR".to_owned();
+        return Err(LabError::malformed(&table, what));
+    }
+    let crossings: Vec<Crossing> = read(&table)?;
     let mut of_gate: BTreeMap<&str, Vec<&Crossing>> = BTreeMap::new();
-    for crossing in crossings.iter().filter(|crossing| crossing.probability >= 0.5) {
+    for crossing in crossings.iter().filter(|c| c.clip == clip && c.probability >= 0.5) {
         of_gate.entry(&crossing.gate).or_default().push(crossing);
     }
     let at = |gate: &str| {
         of_gate.get(gate).ok_or_else(|| {
-            LabError::malformed(file, format!("no vehicle of the run crosses the gate {gate:?}"))
+            LabError::malformed(file, format!("no vehicle of {clip} crosses the gate {gate:?}"))
         })
     };
     let mut found = Vec::new();
@@ -83,18 +89,17 @@ mod tests {
     #[test]
     fn tracks_are_found_by_their_times_at_both_gates() {
         let folder = tempfile::tempdir().unwrap();
-        std::fs::create_dir(folder.path().join("traffic")).unwrap();
-        let crossings =
-            "track,gate,time_s,probability\n1,a,1.0,1\n1,b,2.1,1\n2,a,1.2,1\n2,b,5.0,1\n3,a,9.0,0.2\n";
+        let crossings = "clip,track,gate,time_s,probability\nr,1,a,1.0,1\nr,1,b,2.1,1\nr,2,a,1.2,1\nr,2,b,5.0,1\n\
+                         r,3,a,9.0,0.2\ns,4,a,1.1,1\ns,4,b,2.0,1\n";
         std::fs::write(folder.path().join(CROSSINGS), crossings).unwrap();
         let file = folder.path().join("passings.csv");
         let text = |rows: &str| format!("from_gate,to_gate,distance_m,from_s,to_s\n{rows}");
         std::fs::write(&file, text("a,b,20,1.1,2.0\na,b,20,9.0,10.0\n")).unwrap();
-        let found = passings(folder.path(), &file).unwrap();
+        let found = passings("r", folder.path(), &file).unwrap();
         assert_eq!(found.iter().map(|passing| passing.track).collect::<Vec<_>>(), [Some(1), None]);
         for broken in ["a,c,20,1.1,2.0\n", "a,b,0,1.1,2.0\n", "a,b,20,2.0,1.0\n", "a,b\n"] {
             std::fs::write(&file, text(broken)).unwrap();
-            assert!(passings(folder.path(), &file).is_err(), "{broken}");
+            assert!(passings("r", folder.path(), &file).is_err(), "{broken}");
         }
     }
 }
