@@ -171,7 +171,7 @@ def data_flow() -> Drawing:
     d.box(
         (210, 358),
         (460, 42),
-        ["factors: user constraints, scene lines, parallel cars, camera database"],
+        ["factors: user constraints, scene lines, turns, camera database"],
         ROSE,
         bold_first=False,
     )

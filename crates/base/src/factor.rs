@@ -23,13 +23,6 @@ pub enum Factor {
         /// Sd of the value, above 0.
         sd: f64,
     },
-    /// A measurement of the inverse focal length, from the viewing rays of parallel cars.
-    InverseFocal {
-        /// One over the focal length, 1/px.
-        per_px: f64,
-        /// Sd of `per_px`, above 0, 1/px.
-        sd: f64,
-    },
     /// An estimate of all four camera parameters from another source, such as a survey.
     Camera {
         /// Mean of (log focal, tilt, roll, log height).
@@ -204,10 +197,6 @@ impl Factor {
                 let residual = (camera.get(which)? - value) / sd;
                 Some(Misfit::of_one(residual, 0.5 * residual * residual))
             }
-            Self::InverseFocal { per_px, sd } => {
-                let residual = (per_px - (-camera[0]).exp()) / sd;
-                Some(Misfit::of_one(residual, 0.5 * residual * residual))
-            }
             Self::Camera { mean, information, .. } => {
                 let off = camera - mean;
                 let square = off.dot(&(information * off)).max(0.0);
@@ -334,7 +323,6 @@ mod tests {
         };
         vec![
             Factor::Number { which: 1, value: 0.3, sd: 0.01 },
-            Factor::InverseFocal { per_px: 1.0 / 1200.0, sd: 5e-6 },
             Factor::Camera { mean: camera(), information: correlated(), by_cars: false },
             length(project(-2.0, 18.0, 0.0), project(3.0, 18.0, 0.0)),
             length(project(0.0, 15.0, 0.0), project(3.0, 19.0, 0.0)),
@@ -357,7 +345,7 @@ mod tests {
         assert!(information.row(3).norm() + information.column(3).norm() < 1e-12);
         let marginal = correlated().try_inverse().unwrap().fixed_view::<3, 3>(0, 0).try_inverse().unwrap();
         assert!((information.fixed_view::<3, 3>(0, 0) - marginal).norm() < 1e-9);
-        assert!(factors().iter().filter_map(Factor::without_scale).count() == 4);
+        assert!(factors().iter().filter_map(Factor::without_scale).count() == 3);
     }
 
     #[test]

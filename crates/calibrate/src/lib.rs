@@ -13,7 +13,6 @@
 //!             → Window { views, … } → (joint solve of the window, in another crate) → WindowEstimate
 //!             → fuse → one CameraEstimate per interval
 //! SceneLine → verticals → Factor, with beside_a_witness(windows) → fuse     focal length from vertical lines
-//! CarHeading → parallel → Factor → fuse                                     focal length from parallel cars
 //! Registration → PlacesBuilder → Turns → Factor → fuse   focal length from turns and zooms
 //! SceneCurve, Registration → TurnedLensBuilder → LensView   lens distortion and its sd, before any solve
 //! CameraEvidence of other clips → epochs → more WindowEstimates for fuse    camera database
@@ -31,7 +30,6 @@ mod linker;
 mod moves;
 mod nodes;
 mod one_camera;
-mod parallel;
 mod places;
 mod prior;
 mod remember;
@@ -49,7 +47,6 @@ pub use lens::{LensFound, LensView, LogFocal};
 pub use linker::{LinkId, Linker, LinkerOptions};
 pub use moves::{MoveDetector, MoveOptions, MoveState, SegmentStart};
 pub use one_camera::OneCamera;
-pub use parallel::{CarHeading, Parallel, parallel};
 pub use places::{Places, PlacesBuilder};
 pub use prior::FusePrior;
 pub use remember::{Epoch, SameView, epochs, joins, same_vehicle};

@@ -250,9 +250,6 @@ pub struct SolveConfig {
     pub max_rms_share: f64,
     /// Whether vertical lines of the scene constrain the focal length.
     pub use_verticals: bool,
-    /// Whether cars with about the same heading are assumed to be parallel. This assumption constrains the focal
-    /// length.
-    pub use_parallel: bool,
     /// Whether the lens distortion is estimated from long edges of the scene. If not, the lens is assumed to have no
     /// distortion.
     pub use_lens: bool,
@@ -281,7 +278,6 @@ impl Default for SolveConfig {
             min_box_overlap: 0.5,
             max_rms_share: 0.07,
             use_verticals: true,
-            use_parallel: true,
             use_lens: true,
         }
     }

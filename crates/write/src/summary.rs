@@ -74,7 +74,7 @@ pub struct Summary {
     /// there are no user constraints.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub known: Vec<ConstraintSummary>,
-    /// Vertical lines, parallel cars and turns as evidence on the camera, one entry per camera position. Absent if there
+    /// Vertical lines and turns as evidence on the camera, one entry per camera position. Absent if there
     /// are no entries.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub scene_lines: Vec<SceneLinesSummary>,
@@ -118,7 +118,7 @@ pub struct ConstraintSummary {
     pub apart_sds: f64,
 }
 
-/// Vertical lines, parallel cars and turns of the camera at one position of the camera, and their use in its estimate.
+/// Vertical lines and turns of the camera at one position of the camera, and their use in its estimate.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct SceneLinesSummary {
     /// Index of the camera position, from 0. A camera that returns to a position has the same index again.
@@ -131,9 +131,6 @@ pub struct SceneLinesSummary {
     /// Natural logarithm of the likelihood ratio between two hypotheses: the edges share a vertical vanishing point, or
     /// their directions are random. It is null if the estimate uses no edges.
     pub gain: Option<f64>,
-    /// Number of parallel cars that constrain the focal length. It is 0 if too few cars are parallel.
-    #[serde(default)]
-    pub parallel_cars: usize,
     /// Focal length from turns and zooms of the camera, px. Absent if the camera did not turn far enough.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(extend("exclusiveMinimum" = 0))]

@@ -6,7 +6,6 @@ mod combining;
 mod fusing;
 mod linking;
 mod moving_camera;
-mod parallel;
 mod records;
 mod remembering;
 mod selecting;

@@ -19,7 +19,7 @@ pub struct CameraTrack {
     pub(super) size_of_cars: f64,
     /// Each user constraint, compared with all other evidence.
     pub(super) known: Vec<ConstraintSummary>,
-    /// Vertical lines and parallel cars, by camera position.
+    /// Vertical lines and turns, by camera position.
     pub(super) scene: Vec<SceneView>,
 }
 

@@ -87,9 +87,9 @@ pub(crate) fn estimate_cameras(
     };
     take(builder.finish(), size, lens, &known);
     let position = visits.last().map_or(0, |visit| visit.position);
-    let (mut untold, parked, headings) = (untold.windows, untold.parked, untold.headings);
+    let (mut untold, parked) = (untold.windows, untold.parked);
     let mut fuse_options = of_clip.count(&untold, fuse_options(size, position, &known, config));
-    let (mut told, told_headings) = told.map(|told| (told.windows, told.headings)).unzip();
+    let mut told = told.map(|told| told.windows);
     let said = recall.and_then(|recall| {
         let options = fuse_options.for_cars();
         let (said, links) = evidence_of(recall, &untold, position, span_s, &parked, &options)?;
@@ -110,10 +110,9 @@ pub(crate) fn estimate_cameras(
     let position_at = |time_s: f64| position_at(&visits, time_s);
     let lines =
         if config.solve.use_verticals { scene_lines.by_position(position_at) } else { BTreeMap::new() };
-    let mut heard = Heard { lines, headings, turns };
+    let heard = Heard { lines, turns };
     let scene = if let Some(told) = &mut told {
         hear_witnesses(&mut untold, &heard, &mut fuse_options.for_cars());
-        heard.headings = told_headings.unwrap_or_default();
         hear_witnesses(told, &heard, &mut fuse_options)
     } else {
         hear_witnesses(&mut untold, &heard, &mut fuse_options)

@@ -7,14 +7,11 @@ use nalgebra::Matrix4;
 use roadplane_base::{
     Camera, CameraParams, Factor, ImageSize, JointInformation, Keypoint, Lens, ParkedCar, ShapeAtlas,
 };
-use roadplane_calibrate::{CarHeading, CarUse, LinkId, View, Window, WindowEstimate};
+use roadplane_calibrate::{CarUse, LinkId, View, Window, WindowEstimate};
 use roadplane_measure::projected_box;
-use roadplane_solve::{CarSolution, CarView, SceneOptions, SceneSolution, ShapePrior, fit_car, solve_scene};
+use roadplane_solve::{CarView, SceneOptions, SceneSolution, solve_scene};
 
 use crate::Config;
-
-/// Least length of the longer side of a box whose car's heading is used, px.
-const LEAST_TURNED_PX: f64 = 40.0;
 
 /// Solves the windows of a clip, each from the result of the previous one.
 #[derive(Clone)]
@@ -29,15 +26,13 @@ pub(crate) struct Solving<'a> {
     pub windows: Vec<WindowEstimate>,
     /// Parked vehicles of all solved windows.
     pub parked: BTreeMap<LinkId, ParkedCar>,
-    /// Headings of cars, by camera position.
-    pub headings: BTreeMap<usize, Vec<CarHeading>>,
 }
 
 impl<'a> Solving<'a> {
     /// Creates a solver without windows.
     pub fn new(atlas: &'a ShapeAtlas, config: &'a Config) -> Self {
-        let (windows, parked, headings) = Default::default();
-        Self { atlas, config, start: None, windows, parked, headings }
+        let (windows, parked) = Default::default();
+        Self { atlas, config, start: None, windows, parked }
     }
 
     /// Solves a window and stores its results. A window without a usable solution is dropped.
@@ -54,22 +49,17 @@ impl<'a> Solving<'a> {
         if let Some(solved) = solve_window(window, self.atlas, size, &options, self.config) {
             self.start = Some(solved.estimate.params);
             self.parked.extend(solved.parked);
-            if !solved.headings.is_empty() {
-                self.headings.entry(window.segment).or_default().extend(solved.headings);
-            }
             self.windows.push(solved.estimate);
         }
     }
 }
 
-/// A window's estimate, with its parked vehicles and headings.
+/// A window's estimate, with its parked vehicles.
 struct SolvedWindow {
     /// Estimate of the camera.
     estimate: WindowEstimate,
     /// Its parked vehicles.
     parked: Vec<(LinkId, ParkedCar)>,
-    /// Headings of its cars.
-    headings: Vec<CarHeading>,
 }
 
 /// Solves one window; `None` without a usable solution.
@@ -131,12 +121,6 @@ fn solve_window(
         return None;
     }
     let used = kept.iter().zip(&solution.cars).filter(|(_, car)| car.as_ref().is_some_and(|c| c.used));
-    let headings: Vec<CarHeading> = if config.solve.use_parallel {
-        let heading = |view, car| heading(view, car, &solution, atlas, &camera, options);
-        used.clone().filter_map(|(view, car)| heading(view, car.as_ref()?)).collect()
-    } else {
-        Vec::new()
-    };
     let used: Vec<&View> = used.map(|(view, _)| *view).collect();
     let mut cars: Vec<CarUse> =
         used.iter().map(|view| CarUse { link: view.link, parked: view.parked }).collect();
@@ -155,28 +139,7 @@ fn solve_window(
         steady: window.steady,
     };
     let parked = used.iter().filter(|view| view.parked).map(|view| (view.link, parked_car(view))).collect();
-    Some(SolvedWindow { estimate, parked, headings })
-}
-
-/// Returns the heading of a view's car with the estimated camera; `None` for small cars, which the net resolves poorly.
-fn heading(
-    view: &View,
-    car: &CarSolution,
-    solution: &SceneSolution,
-    atlas: &ShapeAtlas,
-    camera: &Camera,
-    options: &SceneOptions,
-) -> Option<CarHeading> {
-    let [x0, y0, x1, y1] = view.bbox_px;
-    if (x1 - x0).max(y1 - y0) < LEAST_TURNED_PX {
-        return None;
-    }
-    let camera = Camera { focal_px: solution.params.focal_px(), ..*camera };
-    let plane = solution.params.plane();
-    let prior = ShapePrior::default();
-    let fit = fit_car(atlas, &camera, &plane, &view.keypoints, &prior, Some(&car.ground), options)?;
-    let sd = fit.car.ground_covariance[(2, 2)].sqrt();
-    CarHeading::new(view.link, &solution.params, &fit.car.ground, sd)
+    Some(SolvedWindow { estimate, parked })
 }
 
 /// Returns the evidence of the cars alone. The solve's prior and factors are removed, because they count once over all

@@ -1,12 +1,11 @@
-//! Adds factors from vertical lines of the scene and from parallel cars to a clip's camera.
+//! Adds factors from vertical lines of the scene and from turns of the camera to a clip's camera.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
 use roadplane_base::{CameraEstimate, Factor, FrameRecord, SceneLine};
 use roadplane_calibrate::{
-    CarHeading, FuseOptions, Parallel, Turns, Verticals, WindowEstimate, beside_a_witness, condense, fuse,
-    parallel, verticals,
+    FuseOptions, Turns, Verticals, WindowEstimate, beside_a_witness, condense, fuse, verticals,
 };
 use roadplane_write::SceneLinesSummary;
 
@@ -33,8 +32,6 @@ impl ToldLines {
 pub(crate) struct Heard {
     /// Lines of the scene.
     pub lines: BTreeMap<usize, Vec<SceneLine>>,
-    /// Headings of cars.
-    pub headings: BTreeMap<usize, Vec<CarHeading>>,
     /// Focal length from turns and zooms.
     pub turns: BTreeMap<usize, Turns>,
 }
@@ -48,8 +45,6 @@ pub struct SceneView {
     pub lines: Vec<SceneLine>,
     /// Vertical from the lines; `None` where the lines do not show one.
     pub verticals: Option<Verticals>,
-    /// Focal length from parallel cars; `None` where the poses of cars determine it better.
-    pub parallel: Option<Parallel>,
     /// Focal length from turns and zooms of the camera; `None` where they do not determine it.
     pub turns: Option<Turns>,
 }
@@ -64,7 +59,6 @@ impl SceneView {
             found: self.lines.len(),
             upright: upright.count(),
             gain: self.verticals.as_ref().map(|found| (10.0 * found.gain).round() / 10.0),
-            parallel_cars: self.parallel.map_or(0, |found| found.cars),
             turn_focal_px: self.turns.map(|found| (10.0 * found.focal_px).round() / 10.0),
             turn_focal_sd_px: self.turns.map(|found| (10.0 * found.focal_px * found.log_sd).round() / 10.0),
         }
@@ -85,14 +79,12 @@ pub(crate) fn hear_witnesses(
     options: &mut FuseOptions,
 ) -> Vec<SceneView> {
     let mut views = Vec::new();
-    let positions: BTreeSet<usize> =
-        heard.lines.keys().chain(heard.headings.keys()).chain(heard.turns.keys()).copied().collect();
+    let positions: BTreeSet<usize> = heard.lines.keys().chain(heard.turns.keys()).copied().collect();
     for position in positions {
         let lines = heard.lines.get(&position).cloned().unwrap_or_default();
-        let headings = heard.headings.get(&position).map_or(&[][..], Vec::as_slice);
         let here: Vec<WindowEstimate> = windows.iter().filter(|w| w.segment == position).cloned().collect();
         let turns = heard.turns.get(&position).copied();
-        let mut view = SceneView { position, lines, verticals: None, parallel: None, turns: None };
+        let mut view = SceneView { position, lines, verticals: None, turns: None };
         if let (false, [cars], Some(together)) =
             (options.focal_given, &fuse(&here, options)[..], condense(&here, options))
         {
@@ -103,23 +95,18 @@ pub(crate) fn hear_witnesses(
                 add_clue(&mut options.factors, position, found.factor());
                 (cars, beside) = beside_clues(&together, cars, options);
             }
-            view.parallel = parallel(headings, cars.covariance[(0, 0)].sqrt());
-            if let Some(found) = view.parallel {
-                add_clue(&mut options.factors, position, found.factor);
-                (cars, beside) = beside_clues(&together, cars, options);
-            }
             view.verticals = verticals(&view.lines, &cars);
             if let Some(found) = &view.verticals {
                 add_clue(&mut options.factors, position, found.factor);
                 (_, beside) = beside_clues(&together, cars, options);
             }
-            if view.turns.is_some() || view.parallel.is_some() || view.verticals.is_some() {
+            if view.turns.is_some() || view.verticals.is_some() {
                 let first = windows.iter().position(|w| w.segment == position).unwrap_or(windows.len());
                 windows.retain(|w| w.segment != position);
                 windows.insert(first, beside);
             }
         }
-        if heard.lines.contains_key(&position) || view.parallel.is_some() || view.turns.is_some() {
+        if heard.lines.contains_key(&position) || view.turns.is_some() {
             views.push(view);
         }
     }
@@ -149,13 +136,12 @@ fn add_clue(factors: &mut BTreeMap<usize, Arc<[Factor]>>, position: usize, facto
     *here = here.iter().copied().chain([factor]).collect();
 }
 
-/// Adds the factors from lines and parallel cars to other factors, by camera position.
+/// Adds the factors from lines and turns to other factors, by camera position.
 pub(crate) fn and_witnesses(factors: &mut BTreeMap<usize, Arc<[Factor]>>, views: &[SceneView]) {
     for view in views {
-        let of_cars = view.parallel.map(|found| found.factor);
         let of_lines = view.verticals.as_ref().map(|found| found.factor);
         let of_turns = view.turns.map(|found| found.factor());
-        for factor in of_cars.into_iter().chain(of_lines).chain(of_turns) {
+        for factor in of_lines.into_iter().chain(of_turns) {
             add_clue(factors, view.position, factor);
         }
     }
