@@ -182,6 +182,7 @@ fn focal_table(images: &[Vec<f64>]) -> Table {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::work::of_simulated_keypoints;
     use nalgebra::{Point3, Translation3, Vector3};
     use roadplane_base::Shape;
 
@@ -231,7 +232,7 @@ mod tests {
         let atlas = ShapeAtlas { body_types: Vec::new(), ..ShapeAtlas::shipped().unwrap() };
         let picture = street(&atlas);
         for system in SYSTEMS {
-            let solved = solve(system, &picture, &atlas, &Config::default());
+            let solved = solve(system, &picture, &atlas, &of_simulated_keypoints(&Config::default()));
             let worst = solved.poses.iter().map(|pose| pose.add).fold(0.0, f64::max);
             let turned = solved.poses.iter().map(|pose| pose.rotation_rad).fold(0.0, f64::max);
             // The keypoints are exact, but their sds are not 0. A solver with more freedom than six modes is therefore
