@@ -8,7 +8,7 @@
 //!   of the car's keypoints is multiplied by w / m.
 //! - A neural net may place the keypoints of all cars as if each car were seen from a slightly wrong direction. The
 //!   model is a rotation R(b) of all cars by two small angles b. One axis is horizontal and perpendicular to the line
-//!   of sight, and the other is the line of sight. The first angle also has a known mean, which depends on the side of
+//!   of sight, and the other is the line of sight. The first angle also has a given mean, which depends on the side of
 //!   the car that the camera sees (`ViewErrors::mean_elevation`).
 //! - Errors λ of the lens distortion and the principal point shift the undistorted keypoints x of all cars.
 //!
@@ -19,9 +19,9 @@
 //! ```
 //!
 //! `(T_k, R_k)` is the pose of the car in the camera frame, X a keypoint in the car frame, π the projection and W the
-//! whitening. The cost is linearised in b and λ at the minimum for b = 0 and λ = 0. So b and λ change the camera's
-//! covariance, but of its estimate only the mean of b changes it. Poses and shapes are eliminated, but b and λ are kept, because all frames of a
-//! scene share them (`base/src/shared.rs`).
+//! whitening. The cost is linearised in b and λ at the minimum for b = 0 and λ = 0. The sds of b and λ change the
+//! camera's covariance, and the mean of b changes its estimate. Poses and shapes are eliminated, but b and λ are kept,
+//! because all frames of a scene share them (`base/src/shared.rs`).
 
 use nalgebra::{DMatrix, DVector, Matrix2x3, SMatrix, Vector2, Vector3};
 use roadplane_base::{JointInformation, SHARED_ERRORS};
@@ -41,7 +41,8 @@ const COLUMNS: usize = SHARED + 1;
 impl<const M: usize> GroundProblem<'_, M> {
     /// Returns the cars' information on the camera, and the cross information of camera and shared errors.
     ///
-    /// The mean of the information is the camera of the problem, corrected for the mean error of the elevation. The problem must be at its minimum. Returns `None` if a car cannot be evaluated.
+    /// The mean of the information is the camera of the problem, corrected for the mean error of the elevation. The
+    /// problem must be at its minimum. Returns `None` if a car cannot be evaluated.
     pub fn joint_information(&self, errors: &ViewErrors) -> Option<JointInformation> {
         let mut all = SMatrix::<f64, COLUMNS, COLUMNS>::zeros();
         for (g, group) in self.groups.iter().enumerate() {
