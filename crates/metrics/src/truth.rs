@@ -12,7 +12,7 @@ use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaterni
 use roadplane_base::{Activity, Camera, GroundPlane, ImageSize, KEYPOINTS, VehicleClass};
 use serde::{Deserialize, Serialize};
 
-pub use read::{read_dataset, read_truth};
+pub use read::{read_dataset, read_truth, scene_name};
 
 /// Schema id of `dataset.json`.
 pub const DATASET_SCHEMA: &str = "roadplane.dataset/1";

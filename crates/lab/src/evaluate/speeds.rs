@@ -9,9 +9,9 @@ mod rendered;
 
 use std::path::{Path, PathBuf};
 
-use roadplane_base::{TrackRow, median};
+use roadplane_base::TrackRow;
 use roadplane_metrics::truth::read_truth;
-use roadplane_tables::{Cell, Column, Report, Table, bootstrap_scenes};
+use roadplane_tables::{Cell, Column, Report, Table, bootstrap_scenes, median};
 
 use crate::LabError;
 use crate::finished_run::FinishedRun;
@@ -149,7 +149,7 @@ fn table(runs: &[RunSpeeds]) -> Table {
         };
         let of_runs = |runs: &[&RunSpeeds]| {
             let biases = runs.iter().map(|run| bias(&run.pairs).abs()).filter(|bias| bias.is_finite());
-            median(&mut biases.collect::<Vec<_>>()).unwrap_or(f64::NAN)
+            median(&biases.collect::<Vec<_>>())
         };
         table.rows.push(vec![
             "all".into(),
@@ -170,7 +170,7 @@ fn error_kmh(pair: &SpeedPair) -> f64 {
 }
 
 fn median_of(pairs: &[SpeedPair], of: impl Fn(&SpeedPair) -> f64) -> f64 {
-    median(&mut pairs.iter().map(of).collect::<Vec<_>>()).unwrap_or(f64::NAN)
+    median(&pairs.iter().map(of).collect::<Vec<_>>())
 }
 
 /// Returns the median of the relative errors, %.

@@ -8,7 +8,7 @@ mod layers;
 mod noise;
 
 use std::collections::BTreeSet;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use roadplane_base::ShapeAtlas;
 use roadplane_pipeline::{CameraConstraints, Cancel, Config, PipelineError, Progress};
@@ -26,7 +26,7 @@ use crate::tables::{calibration_table, motion_table, position_table, tracking_ta
 use crate::work::{of_simulated_keypoints, stopped};
 use crate::workplace::Workplace;
 use roadplane_metrics::scoring::{TrackScore, score_tracks};
-use roadplane_metrics::truth::{Kind, Truth, read_dataset, read_truth};
+use roadplane_metrics::truth::{Kind, Truth, read_dataset, read_truth, scene_name};
 
 /// Options of the evaluation of the tracker.
 #[derive(Clone, Debug)]
@@ -175,7 +175,7 @@ fn read_clips(paths: &[PathBuf]) -> Result<Vec<(String, Truth)>, LabError> {
         for item in items {
             let truth = read_truth(&item)?;
             if truth.kind == Kind::Clip {
-                clips.push((name(&item), truth));
+                clips.push((scene_name(&item), truth));
             }
         }
     }
@@ -185,16 +185,11 @@ fn read_clips(paths: &[PathBuf]) -> Result<Vec<(String, Truth)>, LabError> {
     Ok(clips)
 }
 
-/// Returns the name of a clip: `clip_0000` for `clip_0000.truth.json.gz`.
-fn name(truth: &Path) -> String {
-    let name = truth.file_name().unwrap_or(truth.as_os_str()).to_string_lossy();
-    name.split(".truth.json").next().unwrap_or(&name).to_owned()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
     use roadplane_metrics::{clear::Clear, hota::HotaCounts, identity::Identity};
+    use std::path::Path;
 
     /// Tracks the vehicles of the rendered parking lot, from good and from bad measurements.
     #[test]

@@ -12,7 +12,7 @@ use serde::Deserialize;
 
 use crate::MetricsError;
 use crate::text_file::read_text;
-use crate::truth::{Truth, read_dataset, read_truth};
+use crate::truth::{Truth, read_dataset, read_truth, scene_name};
 
 /// Schema id of the file `cameras.json`.
 const SCHEMA: &str = "roadplane.cameras/1";
@@ -117,9 +117,8 @@ pub fn read_camera_folder(folder: &Path) -> Result<Vec<ReferenceCamera>, Metrics
     let dataset = read_dataset(folder)?;
     let mut cameras = Vec::new();
     for item in &dataset.items {
-        let scene = item.file_name().unwrap_or_default().to_string_lossy();
-        let scene = scene.split('.').next().unwrap_or_default();
-        cameras.extend(ReferenceCamera::of_truth(&read_truth(item)?, format!("{}/{scene}", dataset.name)));
+        let id = format!("{}/{}", dataset.name, scene_name(item));
+        cameras.extend(ReferenceCamera::of_truth(&read_truth(item)?, id));
     }
     Ok(cameras)
 }

@@ -51,6 +51,14 @@ pub fn read_truth(path: &Path) -> Result<Truth, MetricsError> {
     Ok(truth)
 }
 
+/// Returns the name of a scene: `clip_0000` for `scenes/clip_0000.truth.json.gz`.
+#[must_use]
+pub fn scene_name(truth: &Path) -> String {
+    let name = truth.file_name().unwrap_or(truth.as_os_str()).to_string_lossy();
+    let plain = name.strip_suffix(".gz").unwrap_or(&name);
+    plain.strip_suffix(".truth.json").unwrap_or(plain).to_owned()
+}
+
 fn parse<T: DeserializeOwned>(path: &Path) -> Result<T, MetricsError> {
     serde_json::from_str(&read_text(path)?).map_err(|e| MetricsError::malformed(path, e))
 }

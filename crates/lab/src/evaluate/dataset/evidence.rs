@@ -9,7 +9,6 @@ use roadplane_pipeline::{Config, PipelineError, open_input};
 use roadplane_synth::Rng;
 use roadplane_write::FrameReader;
 
-use super::items::item_name;
 use crate::LabError;
 use roadplane_metrics::scoring::counts;
 use roadplane_metrics::truth::{TrueCar, TrueFrame, Truth};
@@ -104,7 +103,7 @@ pub(super) fn from_net(
 }
 
 fn from_file(truth: &Truth, path: &Path, stride: u32) -> Result<SceneEvidence, LabError> {
-    let name = item_name(path);
+    let name = roadplane_metrics::truth::scene_name(path);
     let mut scene = SceneEvidence::default();
     for measured in FrameReader::open(&path.with_file_name(format!("{name}.frames.jsonl")))? {
         let measured = measured?;

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use crate::LabError;
-use roadplane_metrics::truth::{Truth, read_truth};
+use roadplane_metrics::truth::{Truth, read_truth, scene_name};
 
 /// Largest number of frames of a clip that the systems for single frames solve.
 ///
@@ -42,14 +42,7 @@ pub(super) struct Item {
 
 /// Reads a truth file as an item of a data set.
 pub(super) fn item(path: &Path) -> Result<Item, LabError> {
-    Ok(Item { name: item_name(path), path: path.to_path_buf(), truth: read_truth(path)? })
-}
-
-/// Returns the name of an item: `clip_0000` for `scenes/clip_0000.truth.json.gz`.
-pub(super) fn item_name(truth: &Path) -> String {
-    let name = truth.file_name().unwrap_or(truth.as_os_str()).to_string_lossy();
-    let plain = name.strip_suffix(".gz").unwrap_or(&name);
-    plain.strip_suffix(".truth.json").unwrap_or(plain).to_owned()
+    Ok(Item { name: scene_name(path), path: path.to_path_buf(), truth: read_truth(path)? })
 }
 
 #[cfg(test)]
@@ -59,7 +52,7 @@ mod tests {
     #[test]
     fn items_are_named_by_their_truth_files() {
         for file in ["clip_0001.truth.json.gz", "clip_0001.truth.json", "clip_0001"] {
-            assert_eq!(item_name(&Path::new("scenes").join(file)), "clip_0001");
+            assert_eq!(scene_name(&Path::new("scenes").join(file)), "clip_0001");
         }
     }
 }
