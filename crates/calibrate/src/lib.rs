@@ -23,12 +23,14 @@
 
 mod adjust;
 mod combine;
+mod cues;
 mod evidence;
+mod factors;
 mod fuse;
+mod ground;
 mod lens;
 mod linker;
 mod moves;
-mod nodes;
 mod one_camera;
 mod places;
 mod prior;
@@ -38,11 +40,12 @@ mod stretch;
 mod turned_lens;
 mod turns;
 mod verticals;
-mod witness;
 
 pub use combine::{Combined, combine};
+pub use cues::{Cues, SceneLines, SceneView};
 pub use evidence::{EvidenceBuilder, EvidenceOptions, Window};
-pub use fuse::{CarUse, FuseOptions, Joined, WindowEstimate, condense, fuse, join};
+pub use factors::{Factor, Length, Number, Survey, VerticalVanishingPoint};
+pub use fuse::{CarIdentity, CarUse, FuseOptions, Joined, WindowEstimate, condense, fuse, join};
 pub use lens::{LensFound, LensView, LogFocal};
 pub use linker::{LinkId, Linker, LinkerOptions};
 pub use moves::{MoveDetector, MoveOptions, MoveState, SegmentStart};
@@ -54,4 +57,3 @@ pub use select::{SelectOptions, View, ViewSelector};
 pub use turned_lens::{TurnedLens, TurnedLensBuilder};
 pub use turns::Turns;
 pub use verticals::{Verticals, verticals};
-pub use witness::beside_a_witness;

@@ -8,7 +8,7 @@
 use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{CameraEvidence, ParkedCar, bbox_iou};
 
-use crate::{CarUse, FuseOptions, LinkId, SegmentStart, WindowEstimate, fuse};
+use crate::{CarIdentity, CarUse, FuseOptions, LinkId, SegmentStart, WindowEstimate, fuse};
 
 /// Result of comparing two pictures of the empty scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -147,14 +147,13 @@ impl<'a> Epoch<'a> {
             if known.is_none() {
                 self.vehicles.push((link, car));
             }
-            cars.push(CarUse { link, parked: true });
+            cars.push(CarUse { car: CarIdentity::Stored(link), parked: true });
         }
-        cars.extend((0..clip.moving).map(|_| CarUse { link: fresh(), parked: false }));
+        cars.extend((0..clip.moving).map(|_| CarUse { car: CarIdentity::Stored(fresh()), parked: false }));
         self.windows.push(WindowEstimate {
             span_s: [self.clips.len() as f64; 2],
             frames: clip.frames,
             params: clip.camera_params(),
-            solved: clip.camera_params(),
             joint: clip.joint(),
             cars,
             segment: 0,

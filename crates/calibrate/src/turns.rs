@@ -5,8 +5,9 @@
 //! grid, the rotation and the zoom that fit a registration best are removed. What remains is its misfit.
 
 use nalgebra::{Matrix3, Matrix4, Vector2, Vector3, Vector4};
-use roadplane_base::{Factor, Homography, ImageSize, Registration, Turn};
+use roadplane_base::{Homography, ImageSize, Registration, Turn};
 
+use crate::factors::{Factor, Number};
 use crate::turned_lens::INDEPENDENT;
 
 /// Number of focal lengths of the grid.
@@ -64,7 +65,7 @@ impl Turns {
     /// Returns the factor on the camera.
     #[must_use]
     pub fn factor(&self) -> Factor {
-        Factor::Number { which: 0, value: self.focal_px.ln(), sd: self.log_sd }
+        Factor::Number(Number { which: 0, value: self.focal_px.ln(), sd: self.log_sd })
     }
 }
 

@@ -19,9 +19,10 @@
 mod field;
 
 use nalgebra::{Matrix2, Vector2};
-use roadplane_base::{Camera, CameraEstimate, Factor, SceneLine};
+use roadplane_base::{Camera, CameraEstimate, SceneLine};
 
 use self::field::{Field, Node};
+use crate::factors::VerticalVanishingPoint;
 use crate::lens::{STRAIGHT_SD, bend_of_lenses, greatest_bend};
 
 /// Largest number of edges that are used. This program's record files have fewer edges; those of other programs may have any number.
@@ -35,7 +36,7 @@ const WEAKEST: f64 = 0.25;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Verticals {
     /// Factor on the camera.
-    pub factor: Factor,
+    pub factor: VerticalVanishingPoint,
     /// Log Bayes factor over chance.
     pub gain: f64,
     /// Whether each edge is vertical. If there are very many edges, only the first ones are listed.
@@ -62,14 +63,14 @@ pub fn verticals(lines: &[SceneLine], cars: &CameraEstimate) -> Option<Verticals
     covariance[(1, 1)] += (principal_point * mean.bend).powi(2);
     // Log focal is (log horizon − log `bend`) / 2. A slope of the road changes `bend`, but not the horizon from cars.
     let tilt = (mean.bend * prior.focal_px).atan();
-    let slope = Factor::SLOPE_SD / (tilt.sin() * tilt.cos());
+    let slope = VerticalVanishingPoint::SLOPE_SD / (tilt.sin() * tilt.cos());
     let log_focal_sd = 0.5 * (covariance[(0, 0)].sqrt() / mean.bend).hypot(slope);
     if !(mean.bend > 0.0 && log_focal_sd < WEAKEST) {
         return None;
     }
     let upright = field.trust(&mean).into_iter().map(|trust| trust > 0.5).collect();
     Some(Verticals {
-        factor: Factor::VerticalVanishingPoint { inverse_distance: mean.bend, roll: mean.roll, covariance },
+        factor: VerticalVanishingPoint { inverse_distance: mean.bend, roll: mean.roll, covariance },
         gain,
         upright,
     })
@@ -156,7 +157,8 @@ fn sloped(angle: f64, sd: f64) -> f64 {
         let sd = sd.hypot(slope_sd);
         (-0.5 * (angle / sd).powi(2)).exp() / sd
     };
-    (1.0 - Factor::STEEP_SHARE) * normal(Factor::SLOPE_SD) + Factor::STEEP_SHARE * normal(Factor::STEEP_SD)
+    (1.0 - VerticalVanishingPoint::STEEP_SHARE) * normal(VerticalVanishingPoint::SLOPE_SD)
+        + VerticalVanishingPoint::STEEP_SHARE * normal(VerticalVanishingPoint::STEEP_SD)
 }
 
 /// Step of the search, rad: of the roll, and of a vertical line's direction at the side of the picture.

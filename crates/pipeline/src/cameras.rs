@@ -14,6 +14,3 @@ pub(crate) mod optics;
 mod population;
 mod remembered;
 mod window;
-pub(crate) mod witnesses;
-
-pub use witnesses::SceneView;

@@ -40,7 +40,6 @@ mod stream;
 mod tracks;
 mod traffic;
 
-pub use cameras::SceneView;
 pub use cameras::frame::PLANE_TERMS;
 pub use cameras::known::{CameraConstraints, ConstraintOptions, Measured};
 pub use cameras::krtd::{Krtd, read_krtd};

@@ -1,9 +1,7 @@
 //! Options of the solver.
 
-use std::sync::Arc;
-
 use nalgebra::Matrix6;
-use roadplane_base::{CameraParams, CameraPrior, Factor, Lens, SHARED_ERRORS, Shape, SharedSd};
+use roadplane_base::{CameraParams, CameraPrior, Lens, SHARED_ERRORS, Shape, SharedSd};
 
 use crate::linear::lm::LmOptions;
 use crate::model::kernel::OutlierModel;
@@ -97,11 +95,6 @@ pub struct SceneOptions {
     pub lens: Lens,
     /// Prior on the camera.
     pub camera_prior: CameraPrior,
-    /// Cost terms on the camera that come from other evidence than the cars, such as a given tilt.
-    ///
-    /// These terms change the estimate and its covariance, but not
-    /// [`SceneSolution::information`](crate::SceneSolution).
-    pub factors: Arc<[Factor]>,
     /// Number by which the sd of the shape atlas' residual is multiplied.
     ///
     /// The residual is the part of a keypoint's 3D position that the shape modes do not explain. With 0, the first 6
@@ -141,7 +134,6 @@ impl Default for SceneOptions {
             start: None,
             lens: Lens::STRAIGHT,
             camera_prior: CameraPrior::default(),
-            factors: Arc::new([]),
             atlas_residual_scale: 1.0,
             kernel: OutlierModel::default(),
             steps: Steps::default(),

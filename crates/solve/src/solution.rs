@@ -95,12 +95,12 @@ pub struct SceneSolution {
     pub params: CameraParams,
     /// Information of the cars alone on the camera (log f, tilt, roll, log h) and on the errors that all cars share.
     ///
-    /// Poses and shapes of the cars are marginalised. The camera's prior and factors are not included. So the
+    /// Poses and shapes of the cars are marginalised. The camera's prior is not included. So the
     /// information of independent frames of a scene can be summed.
     pub information: JointInformation,
     /// Covariance of (log f, tilt, roll, log h).
     ///
-    /// It includes the camera's prior, the factors, and the errors that all cars share. Rows of given parameters are
+    /// It includes the camera's prior and the errors that all cars share. Rows of given parameters are
     /// zero.
     pub covariance: Matrix4<f64>,
     /// Solution of the car in each view, in the order of the input; `None` if the view could not be fitted.

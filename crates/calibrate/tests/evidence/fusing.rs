@@ -1,6 +1,9 @@
 use nalgebra::{Matrix4, Vector4};
-use roadplane_base::{CameraParams, CameraStatus, Factor, JointInformation};
-use roadplane_calibrate::{CarUse, FuseOptions, SegmentStart, WindowEstimate, fuse, join};
+use roadplane_base::{CameraParams, CameraStatus, JointInformation};
+use roadplane_calibrate::{
+    CarIdentity, CarUse, Factor, FuseOptions, Length, Number, SegmentStart, Survey, WindowEstimate, fuse,
+    join,
+};
 use roadplane_synth::Rng;
 
 use crate::records::SIZE;
@@ -27,7 +30,6 @@ fn window(index: usize, params: &Vector4<f64>, cars: Vec<CarUse>) -> WindowEstim
         span_s: [30.0 * index as f64, 30.0 * index as f64 + 29.0],
         frames: 900,
         params: CameraParams::from_vector(params),
-        solved: CameraParams::from_vector(params),
         joint: JointInformation::of_camera(&covariance().try_inverse().unwrap(), params),
         cars,
         segment: 0,
@@ -43,7 +45,7 @@ fn draw(random: &mut Rng) -> Vector4<f64> {
 
 /// Returns parked cars with these identifiers.
 fn parked(links: std::ops::Range<u64>) -> Vec<CarUse> {
-    links.map(|link| CarUse { link, parked: true }).collect()
+    links.map(|link| CarUse { car: CarIdentity::Clip(link), parked: true }).collect()
 }
 
 /// Returns the default options for the simulated pictures.
@@ -221,6 +223,30 @@ fn a_drifting_camera_is_followed() {
     }
 }
 
+/// Returns the horizon's distance from the principal point (px) and its sd.
+fn horizon(camera: &Vector4<f64>, covariance: &Matrix4<f64>) -> [f64; 2] {
+    let focal_px = camera[0].exp();
+    let by = Vector4::new(focal_px * camera[1].tan(), focal_px / camera[1].cos().powi(2), 0.0, 0.0);
+    [by[0], by.dot(&(covariance * by)).sqrt()]
+}
+
+#[test]
+fn a_focal_length_far_from_the_cars_keeps_their_horizon() {
+    // Cars determine the horizon to 1 %, but the focal length to 40 % only.
+    let along = Vector4::new(1.0, -truth()[1].sin() * truth()[1].cos(), 0.0, 0.0) * 0.4;
+    let rest = Matrix4::from_diagonal(&Vector4::new(1e-9, 1e-5, 1e-5, 1e-3));
+    let mut cars = window(0, &truth(), parked(0..9));
+    let covariance = along * along.transpose() + rest;
+    cars.joint = JointInformation::of_camera(&covariance.try_inverse().unwrap(), &truth());
+    let [by_cars, sd] = horizon(&truth(), &covariance);
+    let factor = Factor::Number(Number { which: 0, value: truth()[0] - 0.4, sd: 0.01 });
+    let fused = &fuse(&[cars], &FuseOptions { factors: [(0, [factor].into())].into(), ..options() })[0];
+    assert!((fused.params.log_focal - truth()[0] + 0.4).abs() < 0.01);
+    let [joined, joined_sd] = horizon(&fused.params.to_vector(), &fused.covariance);
+    assert!((joined - by_cars).abs() < 0.1 * sd, "{joined} px, by cars {by_cars} ± {sd}");
+    assert!((joined_sd / sd - 1.0).abs() < 0.05, "{joined_sd} {sd}");
+}
+
 #[test]
 fn without_evidence_the_prior_stays_and_is_said() {
     assert!(fuse(&[], &options()).is_empty());
@@ -243,10 +269,10 @@ fn without_evidence_the_prior_stays_and_is_said() {
 
 #[test]
 fn clues_count_once_however_many_windows_there_are() {
-    let factor = Factor::Number { which: 0, value: truth()[0] + 0.1, sd: 0.02 };
+    let factor = Factor::Number(Number { which: 0, value: truth()[0] + 0.1, sd: 0.02 });
     for count in [1, 20] {
         let windows: Vec<WindowEstimate> = (0..count).map(|i| window(i, &truth(), parked(0..9))).collect();
-        let options = FuseOptions { factors: [(0, [factor].into())].into(), ..options() };
+        let options = FuseOptions { factors: [(0, [factor.clone()].into())].into(), ..options() };
         let fused = fuse(&windows, &options);
         // All windows have the same cars, so they give one Gaussian of sd `SD[0]` at the truth. The factor is a second
         // one of sd 0.02 at 0.1.
@@ -271,7 +297,7 @@ fn what_the_cars_of_a_place_share_no_number_of_windows_averages_out() {
     let windows: Vec<WindowEstimate> = (0..25)
         .map(|i| {
             let mut w = window(i, &truth(), parked(10 * i as u64..10 * i as u64 + 10));
-            let information = w.information();
+            let information = w.joint.information;
             let cross = information.column(1).into_owned();
             w.joint.cross.column_mut(0).copy_from(&cross);
             w
@@ -288,8 +314,8 @@ fn what_the_cars_of_a_place_share_no_number_of_windows_averages_out() {
 /// Returns the factor of a length across the picture, with the true length in metres.
 fn true_length(log_sd: f64) -> Factor {
     let ends_px = [-300.0, 250.0].map(|x| nalgebra::Vector2::new(x, 40.0));
-    let factor = |length_m: f64| Factor::Length { ends_px, end_sd_px: 1e-3, length_m, log_sd };
-    factor(factor(1.0).length(&truth()).unwrap().0)
+    let length = |length_m: f64| Length { ends_px, end_sd_px: 1e-3, length_m, log_sd };
+    Factor::Length(length(length(1.0).measured(&truth()).unwrap().0))
 }
 
 #[test]
@@ -297,7 +323,7 @@ fn a_length_tells_scale_and_how_large_the_cars_are() {
     // The cars are 6 % larger than the atlas's, so the camera appears to be lower.
     let by_cars = truth() - Vector4::new(0.0, 0.0, 0.0, 0.06);
     let mut seen = window(0, &by_cars, parked(0..9));
-    seen.joint = JointInformation::of_camera(&(seen.information() * 1e4), &by_cars);
+    seen.joint = JointInformation::of_camera(&(seen.joint.information * 1e4), &by_cars);
     let with = |factors: &[Factor], size_of_cars_sd: f64| {
         let factors = [(0, factors.into())].into();
         join(std::slice::from_ref(&seen), &FuseOptions { factors, size_of_cars_sd, ..options() })
@@ -320,11 +346,15 @@ fn a_length_tells_scale_and_how_large_the_cars_are() {
 fn a_camera_by_cars_shares_their_error_and_a_survey_does_not() {
     let seen = window(0, &truth(), parked(0..9));
     let fused = |by_cars: bool| {
-        let factor =
-            Factor::Camera { mean: truth(), information: covariance().try_inverse().unwrap(), by_cars };
+        let information = covariance().try_inverse().unwrap();
+        let factor = Factor::Survey(Survey { mean: truth(), information, by_cars });
         fuse(
             std::slice::from_ref(&seen),
-            &FuseOptions { factors: [(0, [factor].into())].into(), size_of_cars_sd: 0.04, ..options() },
+            &FuseOptions {
+                factors: [(0, [factor.clone()].into())].into(),
+                size_of_cars_sd: 0.04,
+                ..options()
+            },
         )
     };
     let variance = |by_cars: bool| fused(by_cars)[0].covariance[(3, 3)];
@@ -334,16 +364,16 @@ fn a_camera_by_cars_shares_their_error_and_a_survey_does_not() {
 
 #[test]
 fn a_number_that_a_move_keeps_is_counted_once() {
-    let factor = Factor::Number { which: 3, value: truth()[3], sd: 0.02 };
+    let factor = Factor::Number(Number { which: 3, value: truth()[3], sd: 0.02 });
     let mut windows = [window(0, &truth(), parked(0..2)), window(1, &truth(), parked(2..4))];
     for window in &mut windows {
-        let mut diagonal = window.information().diagonal();
+        let mut diagonal = window.joint.information.diagonal();
         diagonal[3] = 0.0;
         window.joint = JointInformation::of_camera(&Matrix4::from_diagonal(&diagonal), &truth());
     }
     windows[1].segment = 1;
     windows[1].start = SegmentStart::Moved { log_scale: 0.0 };
-    let factors = [(0, [factor].into()), (1, [factor].into())].into();
+    let factors = [(0, [factor.clone()].into()), (1, [factor].into())].into();
     let fused = fuse(&windows, &FuseOptions { factors, ..options() });
     let sd = fused[0].covariance[(3, 3)].sqrt();
     assert!((sd - 0.02).abs() < 1e-4, "{sd}");

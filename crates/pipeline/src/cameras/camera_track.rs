@@ -1,10 +1,9 @@
 //! The camera at every time of a clip.
 
 use roadplane_base::{CameraEstimate, CameraEvidence};
+use roadplane_calibrate::SceneView;
 use roadplane_geo::{NotPlaced, Place, Site};
 use roadplane_write::ConstraintSummary;
-
-use crate::cameras::witnesses::SceneView;
 
 /// The estimated camera at every time of a clip.
 #[derive(Clone, Debug, Default)]

@@ -1,25 +1,22 @@
 //! Estimates the camera of a clip from all its frames.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use roadplane_base::{CameraEstimate, FrameRecord, ImageSize, Lens, ShapeAtlas};
 use roadplane_calibrate::{
-    EvidenceBuilder, EvidenceOptions, FuseOptions, Joined, Turns, Window, epochs, fuse, join,
+    Cues, EvidenceBuilder, EvidenceOptions, FuseOptions, Joined, SceneLines, Turns, Window, epochs, fuse,
+    join,
 };
 use roadplane_measure::usable;
 
 use crate::cameras::camera_track::{CameraTrack, Visit, by_visits, position_at};
-use crate::cameras::joining::{
-    factors_by_position, factors_of_window, fuse_options, nothing_seen, unobservable,
-};
+use crate::cameras::joining::{factors_by_position, fuse_options, nothing_seen, unobservable};
 use crate::cameras::known::CameraConstraints;
 use crate::cameras::lens::LensOfClip;
 use crate::cameras::memory::{CameraHistory, look};
 use crate::cameras::optics::Optics;
 use crate::cameras::remembered::{add_remembered, evidence_of, own_epoch};
 use crate::cameras::window::Solving;
-use crate::cameras::witnesses::{Heard, ToldLines, and_witnesses, hear_witnesses};
 use crate::{Config, PipelineError};
 
 /// Estimates the camera from all frames, its lens and motion, user constraints and the camera database.
@@ -42,29 +39,19 @@ pub(crate) fn estimate_cameras(
         window_s: config.calibrate.window_s,
         ..EvidenceOptions::default()
     });
-    // The camera database, and the comparison with user constraints, use solves without these constraints.
-    let mut untold = Solving::new(atlas, config);
-    let mut told: Option<Solving<'_>> = None;
+    let mut solving = Solving::new(atlas, config);
     let mut visits: Vec<Visit> = Vec::new();
     let mut size = None;
     let mut span_s = [f64::INFINITY, f64::NEG_INFINITY];
     let mut frame_count = 0;
-    let mut scene_lines = ToldLines::default();
+    let mut scene_lines = SceneLines::default();
     let mut take = |window: Option<Window>, size: ImageSize, lens: Lens, known: &CameraConstraints| {
         let Some(window) = window else { return };
         match visits.last_mut() {
             Some(visit) if visit.position == window.segment => visit.span_s[1] = window.span_s[1],
             _ => visits.push(Visit { position: window.segment, span_s: window.span_s }),
         }
-        let focal_px = known.focal_px();
-        let factors = factors_of_window(&known.factors(window.segment, size));
-        if told.is_none() && !factors.is_empty() {
-            told = Some(untold.clone());
-        }
-        untold.solve(&window, size, lens, focal_px, Arc::new([]));
-        if let Some(told) = &mut told {
-            told.solve(&window, size, lens, focal_px, factors);
-        }
+        solving.solve(&window, size, lens, known.focal_px());
     };
     for frame in frames {
         let mut frame = frame?;
@@ -87,46 +74,40 @@ pub(crate) fn estimate_cameras(
     };
     take(builder.finish(), size, lens, &known);
     let position = visits.last().map_or(0, |visit| visit.position);
-    let (mut untold, parked) = (untold.windows, untold.parked);
-    let mut fuse_options = of_clip.count(&untold, fuse_options(size, position, &known, config));
-    let mut told = told.map(|told| told.windows);
+    let (mut windows, parked) = (solving.windows, solving.parked);
+    let mut options = of_clip.count(&windows, fuse_options(size, position, &known, config));
     let said = recall.and_then(|recall| {
-        let options = fuse_options.for_cars();
-        let (said, links) = evidence_of(recall, &untold, position, span_s, &parked, &options)?;
+        let options = options.for_cars();
+        let (said, cars) = evidence_of(recall, &windows, position, span_s, &parked, &options)?;
         let epochs = epochs(&recall.evidence, &look, &options);
         if let Some(epoch) = own_epoch(recall, &said, &epochs, &options) {
-            for windows in told.iter_mut().chain([&mut untold]) {
-                add_remembered(windows, position, epoch, &said, &links);
-            }
+            add_remembered(&mut windows, position, epoch, &said, &cars);
         }
         Some(said)
     });
     let turns: BTreeMap<usize, Turns> = optics.places.turns().collect();
-    if !known.is_silent() || !turns.is_empty() {
-        for windows in told.iter_mut().chain([&mut untold]).filter(|windows| windows.is_empty()) {
-            windows.push(nothing_seen(&fuse_options, span_s, 0));
-        }
+    if windows.is_empty() && !(known.is_silent() && turns.is_empty()) {
+        windows.push(nothing_seen(&options, span_s, 0));
     }
     let position_at = |time_s: f64| position_at(&visits, time_s);
     let lines =
         if config.solve.use_verticals { scene_lines.by_position(position_at) } else { BTreeMap::new() };
-    let heard = Heard { lines, turns };
-    let scene = if let Some(told) = &mut told {
-        hear_witnesses(&mut untold, &heard, &mut fuse_options.for_cars());
-        hear_witnesses(told, &heard, &mut fuse_options)
-    } else {
-        hear_witnesses(&mut untold, &heard, &mut fuse_options)
-    };
-    let Joined { estimates, segments, size_of_cars } = join(told.as_ref().unwrap_or(&untold), &fuse_options);
+    let scene = Cues { lines, turns }.evaluate(&windows, &options);
+    for view in &scene {
+        view.add_factors(&mut options.factors);
+    }
+    let Joined { estimates, segments, size_of_cars } = join(&windows, &options);
     let mut estimates = by_visits(estimates, &segments, &visits);
     if estimates.is_empty() {
-        estimates.push(unobservable(&fuse_options, span_s, size));
+        estimates.push(unobservable(&options, span_s, size));
         tracing::warn!("the camera cannot be estimated from the cars of {frame_count} frames");
     }
     let known = known.checked(size, |others| {
         let mut factors = factors_by_position(size, position, others);
-        and_witnesses(&mut factors, &scene);
-        fuse(&untold, &FuseOptions { factors, ..fuse_options.clone() }).into_iter().next()
+        for view in &scene {
+            view.add_factors(&mut factors);
+        }
+        fuse(&windows, &FuseOptions { factors, ..options.clone() }).into_iter().next()
     });
     Ok(CameraTrack { estimates, visits, said, size_of_cars, known, scene })
 }

@@ -12,7 +12,7 @@ use roadplane_solve::{
 };
 
 use crate::Config;
-use crate::cameras::joining::{factors_of_window, fuse_options, nothing_seen};
+use crate::cameras::joining::{fuse_options, nothing_seen};
 use crate::cameras::known::CameraConstraints;
 use crate::cameras::lens::LensOfClip;
 use crate::cameras::window::by_cars_alone;
@@ -41,7 +41,7 @@ pub fn estimate_frame(
         let silent = nothing_seen(&fuse_options, [frame.time_s; 2], 0);
         let window = if solution.status.usable() {
             let (params, joint) = by_cars_alone(&solution);
-            WindowEstimate { params, solved: solution.params, joint, ..silent }
+            WindowEstimate { params, joint, ..silent }
         } else {
             silent
         };
@@ -59,7 +59,7 @@ pub const PLANE_TERMS: PlaneTerms = PlaneTerms { distance_sd_m: 0.05, angle_sd: 
 /// Solves a single frame by the paper's Algorithm 1.
 ///
 /// Returns the camera and the free pose of each car (`None` where no pose can be fitted). Of the user constraints only
-/// the camera's numbers are used. Nothing else of the scene is used.
+/// an exact focal length and the lens are used. Nothing else of the scene is used.
 #[must_use]
 pub fn estimate_frame_as_paper(
     frame: &FrameRecord,
@@ -94,7 +94,6 @@ fn before_cars(
     let known = known.seen_through(lens.lens());
     let mut options = config.solve.scene_options(known.focal_px());
     options.lens = lens.lens();
-    options.factors = factors_of_window(&known.factors(0, size));
     (lens, known, options)
 }
 

@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::sync::Arc;
 
 use nalgebra::Matrix4;
-use roadplane_base::{CameraEstimate, CameraStatus, Factor, ImageSize, JointInformation};
-use roadplane_calibrate::{FuseOptions, FusePrior, SegmentStart, WindowEstimate};
+use roadplane_base::{CameraEstimate, CameraStatus, ImageSize, JointInformation};
+use roadplane_calibrate::{Factor, FuseOptions, FusePrior, SegmentStart, WindowEstimate};
 use roadplane_solve::SceneOptions;
 
 use crate::Config;
@@ -43,20 +43,12 @@ pub(crate) fn factors_by_position(
     factors.filter(|(_, factors): &(usize, Arc<[Factor]>)| !factors.is_empty()).collect()
 }
 
-/// Returns the factors that a single window is solved with.
-///
-/// A window assumes that its cars have the atlas's sizes. Only many windows together can weigh cars against a length.
-pub(crate) fn factors_of_window(factors: &[Factor]) -> Arc<[Factor]> {
-    factors.iter().filter_map(Factor::without_scale).collect()
-}
-
 /// Returns a window without cars.
 pub(crate) fn nothing_seen(options: &FuseOptions, span_s: [f64; 2], segment: usize) -> WindowEstimate {
     WindowEstimate {
         span_s,
         frames: 0,
         params: options.prior.params,
-        solved: options.prior.params,
         joint: JointInformation::none(),
         cars: Vec::new(),
         segment,

@@ -1,4 +1,4 @@
-//! User constraints on a camera. They are evidence like any other, as [`Factor`]s.
+//! User constraints on a camera. They are evidence like any other, as factors of [`roadplane_calibrate`].
 
 mod camera_file;
 mod check;
@@ -8,8 +8,9 @@ mod measured;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use nalgebra::{Matrix4, Vector2, Vector4};
-use roadplane_base::{Factor, ImageSize, Lens, PictureMotion};
+use nalgebra::Vector2;
+use roadplane_base::{ImageSize, Lens, PictureMotion};
+use roadplane_calibrate::{Factor, Length, Number, Survey};
 use roadplane_write::{LengthConstraint, WriteError, read_constraints};
 
 pub(crate) use check::{contradiction, in_words as constraint_in_words};
@@ -70,12 +71,8 @@ enum Fact {
         file: String,
         /// Size of the file's pictures, if given.
         size: Option<ImageSize>,
-        /// Mean of (log focal length, tilt, roll, log height).
-        mean: Vector4<f64>,
-        /// Information matrix of these numbers.
-        information: Matrix4<f64>,
-        /// Whether the height depends on the size of cars.
-        by_cars: bool,
+        /// The camera.
+        survey: Survey,
     },
     /// A measured length in the picture.
     Length {
@@ -84,17 +81,6 @@ enum Fact {
         /// The length with its ends.
         length: LengthConstraint,
     },
-}
-
-/// A constraint on one of (log focal length, tilt, roll, log height).
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Number {
-    /// Index of the number, 0–3.
-    which: usize,
-    /// Its value (log or rad).
-    value: f64,
-    /// Its sd (log or rad).
-    sd: f64,
 }
 
 impl CameraConstraints {
@@ -175,7 +161,8 @@ impl CameraConstraints {
         self.focal = focal_px.map(|focal_px| (focal_px, size));
         self.lens = lens;
         if let Some((mean, information)) = numbers {
-            self.facts.push(Fact::Camera { file: name_of(path), size, mean, information, by_cars });
+            let survey = Survey { mean, information, by_cars };
+            self.facts.push(Fact::Camera { file: name_of(path), size, survey });
         }
         Ok(())
     }
@@ -242,8 +229,8 @@ impl CameraConstraints {
         }
         for fact in &mut known.facts {
             match fact {
-                Fact::Camera { size: Some(of), mean, .. } => {
-                    mean[0] += scale(*of, size)?.ln();
+                Fact::Camera { size: Some(of), survey, .. } => {
+                    survey.mean[0] += scale(*of, size)?.ln();
                     *of = size;
                 }
                 Fact::Length { file, length } => {
@@ -277,6 +264,22 @@ impl CameraConstraints {
             .collect()
     }
 
+    /// Returns a length as a factor, for pictures of this size.
+    fn on_ground(&self, length: &LengthConstraint, size: ImageSize) -> Length {
+        let view = length.frame.and_then(|frame| self.world_from_picture.get(&frame));
+        let view = view.unwrap_or(&PictureMotion::IDENTITY);
+        let growth = view.jacobian(&length.from_px.into()).determinant().abs().sqrt();
+        let on_ray = |end: [f64; 2]| {
+            self.seen_through.undistorted(&(view.apply(&Vector2::from(end)) - size.centre_px()))
+        };
+        Length {
+            ends_px: [length.from_px, length.to_px].map(on_ray),
+            end_sd_px: length.pixel_sd * growth,
+            length_m: length.length_m,
+            log_sd: length.sd_m / length.length_m,
+        }
+    }
+
     /// Returns a note for the user about constraints that do not hold after a camera move; `None` if all hold.
     pub(crate) fn silent_later(&self) -> Option<String> {
         self.facts.iter().any(|fact| !fact.holds_everywhere()).then(|| {
@@ -300,26 +303,9 @@ impl Fact {
     /// Returns the constraint as a factor, for pictures of this size. `known` has the lens and the positions of frames.
     fn factor(&self, size: ImageSize, known: &CameraConstraints) -> Factor {
         match self {
-            Self::Number(Number { which, value, sd }) => {
-                Factor::Number { which: *which, value: *value, sd: *sd }
-            }
-            Self::Camera { mean, information, by_cars, .. } => {
-                Factor::Camera { mean: *mean, information: *information, by_cars: *by_cars }
-            }
-            Self::Length { length, .. } => {
-                let view = length.frame.and_then(|frame| known.world_from_picture.get(&frame));
-                let view = view.unwrap_or(&PictureMotion::IDENTITY);
-                let growth = view.jacobian(&length.from_px.into()).determinant().abs().sqrt();
-                let on_ray = |end: [f64; 2]| {
-                    known.seen_through.undistorted(&(view.apply(&Vector2::from(end)) - size.centre_px()))
-                };
-                Factor::Length {
-                    ends_px: [length.from_px, length.to_px].map(on_ray),
-                    end_sd_px: length.pixel_sd * growth,
-                    length_m: length.length_m,
-                    log_sd: length.sd_m / length.length_m,
-                }
-            }
+            Self::Number(number) => Factor::Number(*number),
+            Self::Camera { survey, .. } => Factor::Survey(*survey),
+            Self::Length { length, .. } => Factor::Length(known.on_ground(length, size)),
         }
     }
 }

@@ -4,16 +4,13 @@ use std::collections::BTreeMap;
 
 use roadplane_base::{CameraEvidence, EVIDENCE_SCHEMA, Lens, ParkedCar};
 use roadplane_calibrate::{
-    CarUse, Epoch, FuseOptions, LinkId, SegmentStart, WindowEstimate, condense, fuse, joins, same_vehicle,
+    CarIdentity, Epoch, FuseOptions, SegmentStart, WindowEstimate, condense, fuse, joins, same_vehicle,
 };
 
 use crate::cameras::joining::nothing_seen;
 use crate::cameras::memory::{CameraHistory, look};
 
-/// Identifiers of stored vehicles start here; a clip counts its own vehicles from 0.
-const REMEMBERED: LinkId = 1 << 48;
-
-/// Returns the evidence of the camera's last position, and the identifiers of its parked vehicles.
+/// Returns the evidence of the camera's last position, and the identities of its parked vehicles.
 ///
 /// The picture of the empty scene belongs to this position. `None` where the camera drifted or moved without a verdict.
 pub(crate) fn evidence_of(
@@ -21,17 +18,17 @@ pub(crate) fn evidence_of(
     windows: &[WindowEstimate],
     position: usize,
     clip_span_s: [f64; 2],
-    parked: &BTreeMap<LinkId, ParkedCar>,
+    parked: &BTreeMap<CarIdentity, ParkedCar>,
     options: &FuseOptions,
-) -> Option<(CameraEvidence, Vec<LinkId>)> {
+) -> Option<(CameraEvidence, Vec<CarIdentity>)> {
     let last: Vec<WindowEstimate> = windows.iter().filter(|w| w.segment == position).cloned().collect();
     if fuse(&last, options).len() > 1 {
         return None;
     }
     let together = condense(&last, options).unwrap_or_else(|| nothing_seen(options, clip_span_s, position));
-    let stood = together.cars.iter().filter(|car| car.parked);
-    let (links, stood): (Vec<LinkId>, Vec<ParkedCar>) =
-        stood.filter_map(|car| Some((car.link, parked.get(&car.link)?.clone()))).unzip();
+    let stood = together.cars.iter().filter(|used| used.parked);
+    let (cars, stood): (Vec<CarIdentity>, Vec<ParkedCar>) =
+        stood.filter_map(|used| Some((used.car, parked.get(&used.car)?.clone()))).unzip();
     let params = together.params.to_vector();
     let said = CameraEvidence {
         schema: EVIDENCE_SCHEMA.to_owned(),
@@ -51,7 +48,7 @@ pub(crate) fn evidence_of(
         parked: stood,
         place: recall.place.clone(),
     };
-    Some((said, links))
+    Some((said, cars))
 }
 
 /// Returns the epoch to which this clip belongs, and logs it. `None` where the clip begins a new epoch.
@@ -77,27 +74,27 @@ pub(crate) fn own_epoch<'a, 'b>(
 
 /// Inserts the evidence of other clips before this clip's windows of the camera's last position.
 ///
-/// Vehicles that are parked as in an earlier clip get the identifier of the stored vehicle.
+/// Vehicles that are parked as in an earlier clip get the identity of the stored vehicle.
 pub(crate) fn add_remembered(
     windows: &mut Vec<WindowEstimate>,
     position: usize,
     epoch: &Epoch<'_>,
     said: &CameraEvidence,
-    links: &[LinkId],
+    cars: &[CarIdentity],
 ) {
     let known = |car: &ParkedCar| epoch.vehicles.iter().find(|(_, known)| same_vehicle(known, car));
-    let same: BTreeMap<LinkId, LinkId> = links
+    let same: BTreeMap<CarIdentity, CarIdentity> = cars
         .iter()
         .zip(&said.parked)
-        .filter_map(|(link, car)| Some((*link, known(car)?.0 + REMEMBERED)))
+        .filter_map(|(own, car)| Some((*own, CarIdentity::Stored(known(car)?.0))))
         .collect();
     let first = windows.iter().position(|w| w.segment == position);
     let (at, from_s, start) = first.map_or((windows.len(), said.span_s[0], SegmentStart::Clip), |at| {
         (at, windows[at].span_s[0], windows[at].start)
     });
     for window in &mut windows[at..] {
-        for car in &mut window.cars {
-            car.link = same.get(&car.link).copied().unwrap_or(car.link);
+        for used in &mut window.cars {
+            used.car = same.get(&used.car).copied().unwrap_or(used.car);
         }
     }
     if let Some(first) = windows.get_mut(at) {
@@ -106,7 +103,6 @@ pub(crate) fn add_remembered(
     let remembered = epoch.windows.iter().map(|window| WindowEstimate {
         span_s: [from_s; 2],
         frames: 0,
-        cars: window.cars.iter().map(|car| CarUse { link: car.link + REMEMBERED, ..*car }).collect(),
         segment: position,
         start,
         ..window.clone()

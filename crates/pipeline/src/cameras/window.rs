@@ -1,20 +1,18 @@
 //! Solves the cars of a window or a frame for the camera.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use nalgebra::Matrix4;
 use roadplane_base::{
-    Camera, CameraParams, Factor, ImageSize, JointInformation, Keypoint, Lens, ParkedCar, ShapeAtlas,
+    Camera, CameraParams, ImageSize, JointInformation, Keypoint, Lens, ParkedCar, ShapeAtlas,
 };
-use roadplane_calibrate::{CarUse, LinkId, View, Window, WindowEstimate};
+use roadplane_calibrate::{CarIdentity, CarUse, View, Window, WindowEstimate};
 use roadplane_measure::projected_box;
 use roadplane_solve::{CarView, SceneOptions, SceneSolution, solve_scene};
 
 use crate::Config;
 
 /// Solves the windows of a clip, each from the result of the previous one.
-#[derive(Clone)]
 pub(crate) struct Solving<'a> {
     /// The shape atlas.
     atlas: &'a ShapeAtlas,
@@ -25,7 +23,7 @@ pub(crate) struct Solving<'a> {
     /// Estimates of the solved windows, in order.
     pub windows: Vec<WindowEstimate>,
     /// Parked vehicles of all solved windows.
-    pub parked: BTreeMap<LinkId, ParkedCar>,
+    pub parked: BTreeMap<CarIdentity, ParkedCar>,
 }
 
 impl<'a> Solving<'a> {
@@ -36,16 +34,8 @@ impl<'a> Solving<'a> {
     }
 
     /// Solves a window and stores its results. A window without a usable solution is dropped.
-    pub fn solve(
-        &mut self,
-        window: &Window,
-        size: ImageSize,
-        lens: Lens,
-        focal_px: Option<f64>,
-        factors: Arc<[Factor]>,
-    ) {
-        let options =
-            SceneOptions { start: self.start, factors, lens, ..self.config.solve.scene_options(focal_px) };
+    pub fn solve(&mut self, window: &Window, size: ImageSize, lens: Lens, focal_px: Option<f64>) {
+        let options = SceneOptions { start: self.start, lens, ..self.config.solve.scene_options(focal_px) };
         if let Some(solved) = solve_window(window, self.atlas, size, &options, self.config) {
             self.start = Some(solved.estimate.params);
             self.parked.extend(solved.parked);
@@ -59,7 +49,7 @@ struct SolvedWindow {
     /// Estimate of the camera.
     estimate: WindowEstimate,
     /// Its parked vehicles.
-    parked: Vec<(LinkId, ParkedCar)>,
+    parked: Vec<(CarIdentity, ParkedCar)>,
 }
 
 /// Solves one window; `None` without a usable solution.
@@ -123,27 +113,29 @@ fn solve_window(
     let used = kept.iter().zip(&solution.cars).filter(|(_, car)| car.as_ref().is_some_and(|c| c.used));
     let used: Vec<&View> = used.map(|(view, _)| *view).collect();
     let mut cars: Vec<CarUse> =
-        used.iter().map(|view| CarUse { link: view.link, parked: view.parked }).collect();
-    cars.sort_by_key(|car| car.link);
-    cars.dedup_by_key(|car| car.link);
+        used.iter().map(|view| CarUse { car: CarIdentity::Clip(view.link), parked: view.parked }).collect();
+    cars.sort_by_key(|used| used.car);
+    cars.dedup_by_key(|used| used.car);
     let (params, joint) = by_cars_alone(&solution);
     let estimate = WindowEstimate {
         span_s: window.span_s,
         frames: window.frames,
         params,
-        solved: solution.params,
         joint,
         cars,
         segment: window.segment,
         start: window.start,
         steady: window.steady,
     };
-    let parked = used.iter().filter(|view| view.parked).map(|view| (view.link, parked_car(view))).collect();
+    let parked = used
+        .iter()
+        .filter(|view| view.parked)
+        .map(|view| (CarIdentity::Clip(view.link), parked_car(view)))
+        .collect();
     Some(SolvedWindow { estimate, parked })
 }
 
-/// Returns the evidence of the cars alone. The solve's prior and factors are removed, because they count once over all
-/// windows.
+/// Returns the evidence of the cars alone. The solve's prior is removed, because it counts once over all windows.
 pub(crate) fn by_cars_alone(solution: &SceneSolution) -> (CameraParams, JointInformation) {
     let joint = solution.information;
     let alone = joint.information.cholesky().map(|i| CameraParams::from_vector(&i.solve(&joint.vector)));

@@ -106,6 +106,11 @@ pub fn solve_file(
             }
         }
         SolveMethod::Paper => {
+            if !constraints.is_silent() {
+                tracing::warn!(
+                    "the paper's method uses only an exact focal length and a lens: other constraints are left out"
+                );
+            }
             for frame in read("camera and poses")? {
                 let frame = frame?;
                 let constraints = constraints.for_pictures(frame.image_size_px)?;

@@ -6,10 +6,12 @@ use std::time::Instant;
 use image::RgbImage;
 use roadplane_activity::ActivityNet;
 use roadplane_base::ShapeAtlas;
+use roadplane_calibrate::SceneView;
 use roadplane_export::{Run, write_paths};
 use roadplane_view::RoadPicture;
 use roadplane_write::{
-    RunStatus, StageSeconds, Summary, rounded_row, write_camera, write_evidence, write_json, write_summary,
+    RunStatus, SceneLinesSummary, StageSeconds, Summary, rounded_row, write_camera, write_evidence,
+    write_json, write_summary,
 };
 
 use crate::cameras::memory::EVIDENCE;
@@ -20,7 +22,7 @@ use crate::output::track_rows::{ShownRows, TrackRows};
 use crate::stream::perception::{Job, Perceived, SPOOL};
 use crate::stream::speed::Meter;
 use crate::traffic::{traffic_of_run, traffic_sections, write_traffic};
-use crate::{Config, PipelineError, SceneView, Silent};
+use crate::{Config, PipelineError, Silent};
 
 /// Inputs of [`finish`].
 pub(crate) struct Finish<'a> {
@@ -193,7 +195,7 @@ pub fn note_solution(summary: &mut Summary, solution: &ClipSolution) {
     summary.exit_code = if summary.status == RunStatus::Complete { 0 } else { 3 };
     solution.not_followed.note(summary);
     summary.known = solution.cameras.constraints().to_vec();
-    summary.scene_lines = solution.cameras.scene().iter().map(SceneView::summary).collect();
+    summary.scene_lines = solution.cameras.scene().iter().map(lines_summary).collect();
     summary.warnings.extend(solution.warnings.iter().cloned());
 }
 
@@ -204,4 +206,18 @@ pub(crate) fn write_camera_and_place(folder: &Path, solution: &ClipSolution) -> 
         write_json(&folder.join("place.json"), &place.fit)?;
     }
     Ok(())
+}
+
+/// Returns the entry of `summary.json` for the cues of one camera position.
+fn lines_summary(view: &SceneView) -> SceneLinesSummary {
+    let upright = view.verticals.iter().flat_map(|found| &found.upright).filter(|upright| **upright);
+    let rounded = |value: f64| (10.0 * value).round() / 10.0;
+    SceneLinesSummary {
+        segment: view.position,
+        found: view.lines.len(),
+        upright: upright.count(),
+        gain: view.verticals.as_ref().map(|found| rounded(found.gain)),
+        turn_focal_px: view.turns.map(|found| rounded(found.focal_px)),
+        turn_focal_sd_px: view.turns.map(|found| rounded(found.focal_px * found.log_sd)),
+    }
 }

@@ -16,7 +16,7 @@ mod seen;
 mod step;
 
 use nalgebra::{Matrix4, SVector, Vector4};
-use roadplane_base::{FactorTerms, MODES};
+use roadplane_base::MODES;
 
 use crate::linear::arrow::{GroupBlock, PoseBlock, PriorTerms, camera_system};
 use crate::linear::gram::{Gram, MAX_WIDTH, Rows};
@@ -107,8 +107,6 @@ pub(crate) struct CarsProblem<'a, P, const N: usize, const M: usize> {
     scratch: Box<[Rows; MAX_PACKS]>,
     pose_blocks: Vec<PoseBlock<N, M>>,
     group_blocks: Vec<GroupBlock<N, M>>,
-    /// Gradient and information of the camera's prior and factors at the current state.
-    camera_terms: FactorTerms,
     camera_gradient: Vector4<f64>,
     camera_diagonal: Vector4<f64>,
 }
@@ -166,7 +164,6 @@ impl<'a, P: Pose<N>, const N: usize, const M: usize> CarsProblem<'a, P, N, M> {
             shapes_fixed: false,
             trial: state.clone(),
             state,
-            camera_terms: FactorTerms { gradient: Vector4::zeros(), information: Matrix4::zeros() },
             camera_gradient: Vector4::zeros(),
             camera_diagonal: Vector4::zeros(),
         }
@@ -221,7 +218,7 @@ impl<'a, P: Pose<N>, const N: usize, const M: usize> CarsProblem<'a, P, N, M> {
 
     /// Eliminates poses and shapes, and returns the Hessian and gradient that remain for the camera.
     ///
-    /// The camera's prior and factors are not included. Returns `None` if a car's block is not positive definite.
+    /// The camera's prior is not included. Returns `None` if a car's block is not positive definite.
     fn eliminate(&mut self, damping: f64) -> Option<(Matrix4<f64>, Vector4<f64>)> {
         let mut rows = [[0.0; MAX_WIDTH]; 4];
         for (g, group) in self.groups.iter().enumerate() {
@@ -243,9 +240,8 @@ impl<'a, P: Pose<N>, const N: usize, const M: usize> CarsProblem<'a, P, N, M> {
     /// It also decides which shape coefficients are fixed at their bounds. Returns the largest entry of the scaled
     /// gradient.
     fn gather(&mut self) -> f64 {
-        self.camera_terms = self.knowledge.terms(&self.state.camera);
-        self.camera_gradient = self.camera_terms.gradient;
-        self.camera_diagonal = self.camera_terms.information.diagonal();
+        self.camera_gradient = self.knowledge.gradient(&self.state.camera);
+        self.camera_diagonal = self.knowledge.information;
         let mut largest: f64 = 0.0;
         let mut see = |weight: f64, gradient: f64, diagonal: f64| {
             if diagonal > 0.0 {

@@ -1,7 +1,5 @@
 //! Preparation of a frame's input: selects usable views and builds least-squares problems from some or all of them.
 
-use std::sync::Arc;
-
 use nalgebra::Vector4;
 use roadplane_base::{Camera, ImageSize, MODES, Shape, ShapeAtlas};
 
@@ -73,7 +71,7 @@ impl<'a> Setup<'a> {
             information[0] = 0.0;
         }
         let fixed = [given.is_some(), false, false, false];
-        let knowledge = CameraKnowledge { mean, information, fixed, factors: Arc::clone(&options.factors) };
+        let knowledge = CameraKnowledge { mean, information, fixed };
         Self { atlas, model, options, usable_views, knowledge, size }
     }
 

@@ -17,9 +17,9 @@ const ROUNDS_OF_TRUST: usize = 3;
 pub(crate) struct FineCamera {
     /// Estimated parameters (log focal length, tilt, roll, log height).
     pub camera: Vector4<f64>,
-    /// Information of the cars alone, without the camera's prior and factors.
+    /// Information of the cars alone, without the camera's prior.
     pub information: JointInformation,
-    /// Covariance of the parameters, with prior and factors; rows of fixed parameters are zero.
+    /// Covariance of the parameters, with the prior; rows of fixed parameters are zero.
     pub covariance: Matrix4<f64>,
 }
 
@@ -71,11 +71,11 @@ pub(crate) fn camera_of_cars<const M: usize>(
     };
     if options.steps.bias {
         // The correction uses the covariance without correlated errors, because correlations do not move the minimum.
-        let covariance = problem.knowledge.covariance(&alone, &camera)?;
+        let covariance = problem.knowledge.covariance(&alone)?;
         camera += problem.bias_correction(&covariance).unwrap_or_default();
     }
     let (cars, vector) = information.marginal(options.shared_sd());
-    let covariance = problem.knowledge.covariance(&cars, &camera)?;
+    let covariance = problem.knowledge.covariance(&cars)?;
     if options.view_errors.is_some() {
         camera += covariance * (vector - cars * problem.state.camera);
     }

@@ -133,9 +133,9 @@ pub fn solve_free_scene(
     let Some(report) = minimise_with_types(atlas, &mut problem, options) else { return solution };
     let Some(information) = problem.information() else { return solution };
     let camera = problem.state.camera;
-    let Some(covariance) = problem.knowledge.covariance(&information, &camera) else { return solution };
+    let Some(covariance) = problem.knowledge.covariance(&information) else { return solution };
     (solution.params, solution.covariance) = (CameraParams::from_vector(&camera), covariance);
-    let is_determined = plane.is_some() && setup.knowledge.is_focal_determined(&information, &camera);
+    let is_determined = plane.is_some() && setup.knowledge.is_focal_determined(&information);
     solution.status = SceneStatus::of(report.termination, focal_given, is_determined);
     for (k, (s, joint)) in members.iter().zip(problem.view_covariances(&covariance)).enumerate() {
         solution.cars[setup.usable_views[*s].index] = read_car(&problem, k, &joint);

@@ -44,7 +44,7 @@ pub(crate) fn read_out(
         }
     }
     let FineCamera { information, covariance, .. } = answer;
-    let pull = setup.knowledge.terms(&problem.state.camera).gradient;
+    let pull = setup.knowledge.gradient(&problem.state.camera);
     let information = information.with_minimum_at(&problem.state.camera, &pull, options.shared_sd());
     let (cars_say, _) = information.marginal(options.shared_sd());
     let joints = problem.view_covariances(&covariance);
@@ -63,7 +63,7 @@ pub(crate) fn read_out(
             cars[usable_view.index] = fit.map(|fit| CarSolution { used: false, ..fit.car });
         }
     }
-    let is_determined = setup.knowledge.is_focal_determined(&cars_say, &problem.state.camera);
+    let is_determined = setup.knowledge.is_focal_determined(&cars_say);
     let status = SceneStatus::of(report.termination, setup.knowledge.fixed[0], is_determined);
     SceneSolution {
         status,

@@ -2,9 +2,10 @@
 
 use nalgebra::Vector4;
 use roadplane_base::{CameraEstimate, ImageSize};
+use roadplane_calibrate::{Number, Survey};
 use roadplane_write::ConstraintSummary;
 
-use super::{CameraConstraints, Fact, Number};
+use super::{CameraConstraints, Fact};
 
 /// Distance from which a constraint contradicts the other evidence, sds.
 const CONTRADICTS: f64 = 3.0;
@@ -76,7 +77,7 @@ impl Fact {
         };
         match self {
             Self::Number(Number { which, value, sd }) => vec![number(*which, *value, *sd, "")],
-            Self::Camera { file, mean, information, .. } => {
+            Self::Camera { file, survey: Survey { mean, information, .. }, .. } => {
                 let variance = information.try_inverse().map(|covariance| covariance.diagonal());
                 let told = (0..4).filter_map(|which| {
                     // The file may have no information on a number.
@@ -88,11 +89,11 @@ impl Fact {
                 told.collect()
             }
             Self::Length { file, length } => {
-                let factor = self.factor(size, others);
-                let Some((metres, log_sd)) = factor.length(&mean) else { return Vec::new() };
+                let known = others.on_ground(length, size);
+                let Some((metres, log_sd)) = known.measured(&mean) else { return Vec::new() };
                 let by = Vector4::from_fn(|i, _| {
                     let moved = |step: f64| {
-                        factor.length(&(mean + Vector4::ith(i, step))).map(|(metres, _)| metres.ln())
+                        known.measured(&(mean + Vector4::ith(i, step))).map(|(metres, _)| metres.ln())
                     };
                     moved(STEP).zip(moved(-STEP)).map_or(0.0, |(plus, minus)| (plus - minus) / (2.0 * STEP))
                 });

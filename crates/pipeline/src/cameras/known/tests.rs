@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use nalgebra::Matrix4;
+use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{CameraEstimate, CameraParams, CameraStatus, GroundPlane, Homography, Lens};
 use roadplane_write::write_camera;
 
@@ -58,12 +58,12 @@ fn numbers_become_clues_in_logs_and_radians() {
         (3, 7.5_f64.ln(), 0.05),
     ];
     let expected: Vec<Factor> =
-        expected.into_iter().map(|(which, value, sd)| Factor::Number { which, value, sd }).collect();
+        expected.into_iter().map(|(which, value, sd)| Factor::Number(Number { which, value, sd })).collect();
     assert_eq!(factors(&options), expected);
     let known = CameraConstraints::new(&options).unwrap();
     assert_eq!(known.focal_px(), None);
     // After a move the camera has the same height and lens, but other angles.
-    assert_eq!(known.factors(1, SIZE), [expected[0], expected[3]]);
+    assert_eq!(known.factors(1, SIZE), [expected[0].clone(), expected[3].clone()]);
     assert!(known.silent_later().is_some_and(|text| text.contains("first position")));
 }
 
@@ -84,12 +84,12 @@ fn lengths_are_measured_from_the_middle_and_must_lie_in_the_picture() {
     let path =
         file(folder.path(), "bays.csv", "x1,y1,x2,y2,length_m,sd_m\n959.5,539.5,1059.5,639.5,2.5,0.05\n");
     let options = ConstraintOptions { lengths: Some(&path), ..ConstraintOptions::default() };
-    let expected = Factor::Length {
+    let expected = Factor::Length(Length {
         ends_px: [Vector2::zeros(), Vector2::new(100.0, 100.0)],
         end_sd_px: 1.0,
         length_m: 2.5,
         log_sd: 0.02,
-    };
+    });
     assert_eq!(factors(&options), [expected]);
     let small = ImageSize { width: 640, height: 360 };
     let error = CameraConstraints::new(&options).unwrap().for_pictures(small).unwrap_err().to_string();
@@ -117,12 +117,12 @@ fn lengths_of_a_frame_are_put_into_the_first_picture() {
     let (known, left_out) = known.with_frames(&[(7, view.into())].into());
     assert_eq!(left_out, 1);
     let corner = Vector2::new(0.5 * 959.5 + 500.0, 0.5 * 539.5 + 300.0) - SIZE.centre_px();
-    let expected = Factor::Length {
+    let expected = Factor::Length(Length {
         ends_px: [corner, corner + Vector2::new(50.0, 50.0)],
         end_sd_px: 0.5,
         length_m: 2.5,
         log_sd: 0.02,
-    };
+    });
     assert_eq!(known.for_pictures(SIZE).unwrap().factors(0, SIZE), [expected]);
 }
 
@@ -174,7 +174,7 @@ fn cameras_of_other_programs_are_read() {
     let path = file(folder.path(), "a.krtd", &text);
     let known = CameraConstraints::new(&ConstraintOptions { camera: Some(&path), ..options }).unwrap();
     assert_eq!(known.focal_px(), Some(1500.0));
-    let [Factor::Camera { mean, information, by_cars: false }] = known.factors(0, SIZE)[..] else {
+    let [Factor::Survey(Survey { mean, information, by_cars: false })] = known.factors(0, SIZE)[..] else {
         panic!("no camera")
     };
     assert!((mean - Vector4::new(1500_f64.ln(), 0.3, 0.01, 10_f64.ln())).norm() < 1e-9);
@@ -206,7 +206,7 @@ fn our_own_cameras_come_with_their_covariance() {
     // One height includes the uncertainty of the cars' size, the other was measured.
     for (height_sd, expected_sd, expected_by_cars) in [(0.05, 0.03, true), (0.02, 0.02, false)] {
         let known = read(height_sd, CameraStatus::Estimated).unwrap();
-        let [Factor::Camera { mean, information, by_cars }] = known.factors(0, SIZE)[..] else {
+        let [Factor::Survey(Survey { mean, information, by_cars })] = known.factors(0, SIZE)[..] else {
             panic!("no camera")
         };
         assert!((mean - Vector4::new(7.0, 0.3, 0.0, 2.0)).norm() < 1e-4 && by_cars == expected_by_cars);

@@ -10,7 +10,7 @@ use crate::model::pose::Pose;
 impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
     /// Returns the cars' information (inverse covariance) on the camera at the current parameters.
     ///
-    /// The camera's prior and factors are not included. Poses and shapes are eliminated without damping. A shape
+    /// The camera's prior is not included. Poses and shapes are eliminated without damping. A shape
     /// coefficient at its bound is still uncertain, so it counts as free. Call after `linearise`. Returns `None` if a
     /// car's block is not positive definite.
     pub fn information(&mut self) -> Option<Matrix4<f64>> {
@@ -35,10 +35,10 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
 
     /// Returns the joint covariance of (pose, shape, camera) in a problem of one view.
     ///
-    /// The camera's part includes its prior and factors. Returns `None` if a matrix is not positive definite.
+    /// The camera's part includes its prior. Returns `None` if a matrix is not positive definite.
     pub fn only_view_covariance(&mut self) -> Option<Joint> {
         let information = self.information()?;
-        let camera = self.knowledge.covariance(&information, &self.state.camera)?;
+        let camera = self.knowledge.covariance(&information)?;
         self.view_covariances(&camera).pop()
     }
 

@@ -18,8 +18,8 @@ impl<P: Pose<N>, const N: usize, const M: usize> Problem for CarsProblem<'_, P, 
 
     fn try_step(&mut self, damping: f64) -> Option<Trial> {
         let (mut hessian, mut gradient) = self.eliminate(damping)?;
-        gradient += self.camera_terms.gradient;
-        hessian += self.camera_terms.information + Matrix4::from_diagonal(&(damping * self.camera_diagonal));
+        gradient += self.knowledge.gradient(&self.state.camera);
+        hessian += Matrix4::from_diagonal(&(self.knowledge.information + damping * self.camera_diagonal));
         self.knowledge.hold_fixed(&mut hessian, &mut gradient);
         let camera_step = -hessian.cholesky()?.solve(&gradient);
         let mut predicted = 0.0;

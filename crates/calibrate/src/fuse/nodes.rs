@@ -5,13 +5,13 @@
 //! metres determine h = h' s, and so s.
 
 use nalgebra::{Matrix4, SMatrix, SVector, Vector4};
-use roadplane_base::{Factor, FactorComponent, FactorTerms};
 
+use super::evidence::Evidence;
 use crate::prior::FusePrior;
 
 /// The transition of the camera to a piece of evidence, for each of (log f, tilt, roll, log h').
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Step {
+pub(super) struct Step {
     /// For each camera parameter: 1 if its estimate carries over to the next position, 0 if it starts from the prior.
     pub kept: Vector4<f64>,
     /// Variance that each kept number gains (log² or rad²).
@@ -20,12 +20,12 @@ pub(crate) struct Step {
 
 impl Step {
     /// Returns the step after which all numbers start again from the prior.
-    pub(crate) fn fresh() -> Self {
+    pub(super) fn fresh() -> Self {
         Self { kept: Vector4::zeros(), variance: Vector4::zeros() }
     }
 
     /// Returns the step that keeps all numbers and adds `variance` (log² or rad²) to them.
-    pub(crate) fn kept(variance: Vector4<f64>) -> Self {
+    pub(super) fn kept(variance: Vector4<f64>) -> Self {
         Self { kept: Vector4::repeat(1.0), variance }
     }
 }
@@ -35,82 +35,9 @@ type State = SVector<f64, 5>;
 /// A covariance or information matrix of the state.
 type Square = SMatrix<f64, 5, 5>;
 
-/// Evidence on four numbers as a Gaussian `N(information⁻¹ · weighted, information⁻¹)`; it may be singular.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Evidence {
-    /// Information matrix, the inverse of the covariance.
-    pub information: Matrix4<f64>,
-    /// Information matrix times the mean.
-    pub weighted: Vector4<f64>,
-}
-
-impl Evidence {
-    /// Returns evidence without information.
-    pub(crate) fn none() -> Self {
-        Self { information: Matrix4::zeros(), weighted: Vector4::zeros() }
-    }
-
-    /// Returns the evidence of a factor, linearised at the camera `at`. `rest` is the evidence of everything else.
-    ///
-    /// A factor with two possible meanings leaves a mixture of two Gaussians. The result combines with `rest` to one
-    /// Gaussian with the mean and covariance of that mixture (expectation propagation, Minka 2001).
-    pub(crate) fn of_factor(factor: &Factor, at: &Vector4<f64>, rest: Option<&Self>) -> Self {
-        let FactorTerms { gradient, information } = FactorTerms::of([factor], at);
-        let linear = Self { information, weighted: information * at - gradient };
-        let Some((components, rest)) = factor.components(at).zip(rest) else { return linear };
-        Self::of_components(&components, &factor.residual_by_camera(at), at, rest).unwrap_or(linear)
-    }
-
-    /// Returns the evidence of a factor with several components; `None` where a matrix has no inverse.
-    ///
-    /// `by` is the 2 × 4 derivative of the factor's residual by the camera. `at` and `rest` are as in `of_factor`.
-    fn of_components(
-        components: &[FactorComponent],
-        by: &SMatrix<f64, 2, 4>,
-        at: &Vector4<f64>,
-        rest: &Self,
-    ) -> Option<Self> {
-        let (expected, spread) = rest.moments()?;
-        let mut told: Vec<(f64, Vector4<f64>, Matrix4<f64>)> = Vec::with_capacity(components.len());
-        for component in components {
-            let surprise = component.residual + by * (expected - at);
-            let covariance = component.covariance + by * spread * by.transpose();
-            let (weight, information) =
-                FactorComponent { residual: surprise, covariance, ..*component }.density()?;
-            let gain = -spread * by.transpose() * information;
-            told.push((weight, expected + gain * surprise, spread + gain * by * spread));
-        }
-        let total: f64 = told.iter().map(|(weight, ..)| weight).sum();
-        let mean = told.iter().map(|(weight, mean, _)| mean * (weight / total)).sum::<Vector4<f64>>();
-        let covariance = told.iter().map(|(weight, own, covariance)| {
-            let off = own - mean;
-            (covariance + off * off.transpose()) * (weight / total)
-        });
-        let covariance = covariance.sum::<Matrix4<f64>>();
-        let information = ((covariance + covariance.transpose()) / 2.0).cholesky()?.inverse();
-        Some(Self { information, weighted: information * mean }.without(rest))
-    }
-
-    /// Returns the mean and covariance; `None` where the information is singular.
-    fn moments(&self) -> Option<(Vector4<f64>, Matrix4<f64>)> {
-        let factor = self.information.cholesky()?;
-        Some((factor.solve(&self.weighted), factor.inverse()))
-    }
-
-    /// Returns this evidence with `other` subtracted.
-    pub(crate) fn without(&self, other: &Self) -> Self {
-        Self { information: self.information - other.information, weighted: self.weighted - other.weighted }
-    }
-
-    /// Returns this evidence with `other` added.
-    pub(crate) fn and(&self, other: &Self) -> Self {
-        Self { information: self.information + other.information, weighted: self.weighted + other.weighted }
-    }
-}
-
 /// One piece of evidence in time, and the step that leads to it.
 #[derive(Clone, Debug)]
-pub(crate) struct Node {
+pub(super) struct Node {
     /// Evidence of (log f, tilt, roll, log h') from cars.
     pub cars: Evidence,
     /// Evidence of (log f, tilt, roll, log h) from factors in metres.
@@ -121,29 +48,29 @@ pub(crate) struct Node {
 
 /// A Gaussian of the state: mean and covariance.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Gaussian(State, Square);
+pub(super) struct Gaussian(State, Square);
 
 impl Gaussian {
     /// Returns the mean and covariance of (log f, tilt, roll, log h), with h in metres.
-    pub(crate) fn camera(&self) -> (Vector4<f64>, Matrix4<f64>) {
+    pub(super) fn camera(&self) -> (Vector4<f64>, Matrix4<f64>) {
         let into = into_metres();
         (into * self.0, into * self.1 * into.transpose())
     }
 
     /// Returns the Gaussian as evidence of (log f, tilt, roll, log h); `None` where the covariance is singular.
-    pub(crate) fn evidence(&self) -> Option<Evidence> {
+    pub(super) fn evidence(&self) -> Option<Evidence> {
         let (mean, covariance) = self.camera();
         let information = covariance.cholesky()?.inverse();
         Some(Evidence { information, weighted: information * mean })
     }
 
     /// Returns the mean of (log f, tilt, roll, log h'), the camera as if cars had the atlas's sizes.
-    pub(crate) fn by_cars(&self) -> Vector4<f64> {
+    pub(super) fn by_cars(&self) -> Vector4<f64> {
         self.0.fixed_rows::<4>(0).into_owned()
     }
 
     /// Returns the log of the cars' size relative to the atlas.
-    pub(crate) fn size_of_cars(&self) -> f64 {
+    pub(super) fn size_of_cars(&self) -> f64 {
         self.0[4]
     }
 }
@@ -159,7 +86,7 @@ fn into_metres() -> SMatrix<f64, 4, 5> {
 const LEAST_VARIANCE: f64 = 1e-12;
 
 /// Returns the posterior at each node given all nodes. `prior` is that of the camera, `size_sd` the sd of log s.
-pub(crate) fn smooth(nodes: &[Node], prior: &FusePrior, size_sd: f64) -> Vec<Gaussian> {
+pub(super) fn smooth(nodes: &[Node], prior: &FusePrior, size_sd: f64) -> Vec<Gaussian> {
     let variance = prior.sd.map(|sd| sd * sd).push((size_sd * size_sd).max(LEAST_VARIANCE));
     let start = Gaussian(prior.params.to_vector().push(0.0), Square::from_diagonal(&variance));
     let mut predicted: Vec<Gaussian> = Vec::with_capacity(nodes.len());

@@ -1,0 +1,81 @@
+//! Finds changes of the camera that only the windows' estimates show: sudden moves and drift.
+
+use nalgebra::Matrix4;
+
+use super::FuseOptions;
+use super::group::{SCATTER, constant, middle_s, shares};
+use super::horizon::Seen;
+
+/// Multiples of `drift_sd` that are tried.
+const DRIFTS: [f64; 4] = [1.0, 4.0, 16.0, 64.0];
+
+/// A group of windows in which the camera was either stationary or drifting.
+pub(super) struct Part<'a, 'w> {
+    /// The windows, in the order of time.
+    pub windows: &'a [Seen<'w>],
+    /// Drift as a multiple of `drift_sd`; `None` for a stationary camera.
+    pub drift: Option<f64>,
+}
+
+/// Finds the best explanation of a group: a stationary camera, a drift, or a sudden change with an explanation of each
+/// side.
+///
+/// Returns the parts and their gain in log likelihood. Each change or drift must gain at least `min_gain`. No change is
+/// accepted where parked cars confirm a stationary camera. One window alone is no change: the next one must agree.
+pub(super) fn explain<'a, 'w>(group: &'a [Seen<'w>], options: &FuseOptions) -> (Vec<Part<'a, 'w>>, f64) {
+    let standing = (vec![Part { windows: group, drift: None }], 0.0);
+    if group.len() < 4 || group[1..].iter().all(|seen| seen.window.steady) {
+        return standing;
+    }
+    let cost = |part: &[Seen<'_>]| constant(part, &shares(part, options), options).cost;
+    let whole = cost(group);
+    let gains = (2..=group.len() - 2)
+        .filter(|&cut| !group[cut].window.steady)
+        .map(|cut| (cut, whole - cost(&group[..cut]) - cost(&group[cut..]) - options.min_gain));
+    let best = gains.reduce(|best, next| if next.1 > best.1 { next } else { best });
+    let changed = best.filter(|(_, gain)| *gain > 0.0).map_or(standing, |(cut, gain)| {
+        let (mut parts, before) = explain(&group[..cut], options);
+        let (rest, after) = explain(&group[cut..], options);
+        parts.extend(rest);
+        (parts, gain + before + after)
+    });
+    let (scale, gain) = drift_of(group, options);
+    let drifted = gain - options.min_gain;
+    if drifted > changed.1 { (vec![Part { windows: group, drift: Some(scale) }], drifted) } else { changed }
+}
+
+/// Returns the multiple of `drift_sd` that explains a group best, and its gain in log likelihood over no drift.
+fn drift_of(group: &[Seen<'_>], options: &FuseOptions) -> (f64, f64) {
+    let still = drift_log_likelihood(group, 0.0, options);
+    let gains = DRIFTS.map(|scale| (scale, drift_log_likelihood(group, scale, options) - still));
+    gains.into_iter().fold((0.0, 0.0), |best, next| if next.1 > best.1 { next } else { best })
+}
+
+/// Returns the log likelihood of the windows' innovations in a random walk with Student-t tails.
+///
+/// `scale` is the drift as a multiple of `drift_sd`.
+fn drift_log_likelihood(group: &[Seen<'_>], scale: f64, options: &FuseOptions) -> f64 {
+    let mut mean = options.prior.params.to_vector();
+    let mut covariance = Matrix4::from_diagonal(&options.prior.sd.map(|sd| sd * sd));
+    let loose = covariance.map(|v| 1e4 * v);
+    let mut total = 0.0;
+    for (i, Seen { window, .. }) in group.iter().enumerate() {
+        if i > 0 {
+            let gap_s = (middle_s(&group[i..=i]) - middle_s(&group[i - 1..i])).max(0.0);
+            covariance += Matrix4::from_diagonal(&(options.drift_sd * scale).map(|sd| sd * sd * gap_s));
+        }
+        // Numbers without evidence in the window get a large, but finite, variance.
+        let weak = Matrix4::from_diagonal(&loose.diagonal().map(|v| 1.0 / v));
+        let Some(noise) = (window.joint.information + weak).try_inverse() else { continue };
+        let innovation = window.params.to_vector() - mean;
+        let Some(factor) = (covariance + noise).cholesky() else { continue };
+        let d2 = innovation.dot(&factor.solve(&innovation));
+        total -= SCATTER.cost(d2) + 0.5 * factor.determinant().ln();
+        let Some(factor) = (covariance + noise / SCATTER.weight(d2)).cholesky() else { continue };
+        let gain = factor.solve(&covariance).transpose();
+        mean += gain * innovation;
+        covariance -= gain * covariance;
+        covariance = (covariance + covariance.transpose()) / 2.0;
+    }
+    total
+}
