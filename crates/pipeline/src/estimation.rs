@@ -166,7 +166,7 @@ pub(crate) fn solve_constrained_clip(
     config: &Config,
     cancel: &Cancel,
 ) -> Result<ClipSolution, PipelineError> {
-    let optics = Optics::of(frames, given.constraints, given.history, config)?;
+    let optics = Optics::of(frames, given.constraints, given.history, atlas, config)?;
     let read = || -> Result<_, PipelineError> {
         let records = FrameReader::open(frames)?.map(|record| {
             cancel.signal().map_or(Ok(()), |signal| Err(PipelineError::Stopped { signal }))?;

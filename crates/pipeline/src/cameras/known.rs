@@ -203,7 +203,7 @@ impl CameraConstraints {
 
     /// Returns the constraints with the positions of the frames that lengths name, and the number of lengths that were
     /// left out. A length is left out if its frame has no position.
-    fn with_frames(&self, world_from_picture: &BTreeMap<u64, PictureMotion>) -> (Self, usize) {
+    pub(crate) fn with_frames(&self, world_from_picture: &BTreeMap<u64, PictureMotion>) -> (Self, usize) {
         let mut known = self.clone();
         known.facts.retain(|fact| fact.frame().is_none_or(|frame| world_from_picture.contains_key(&frame)));
         known.world_from_picture.clone_from(world_from_picture);

@@ -2,7 +2,7 @@
 //! otherwise without distortion.
 
 use roadplane_base::{Camera, ImageSize, Lens, SceneCurve};
-use roadplane_calibrate::{FuseOptions, LensView, TurnedLens, WindowEstimate, fuse};
+use roadplane_calibrate::{FuseOptions, LensView, LogFocal, TurnedLens, WindowEstimate, fuse};
 
 use crate::cameras::memory::CameraHistory;
 use crate::{CameraConstraints, Config};
@@ -17,6 +17,8 @@ pub(crate) struct LensOfClip {
     lens: Lens,
     /// Sd of the distortion (dimensionless); `None` where nothing determines the lens.
     bend_sd: Option<f64>,
+    /// Whether the lens comes from edges or turns of this clip.
+    is_of_edges: bool,
     /// Mean and sd of the distortion without the edges (dimensionless).
     turned: [f64; 2],
     /// Likelihood of the distortion given the edges and turns; used where nothing else determines the lens.
@@ -35,7 +37,14 @@ impl LensOfClip {
         recall: Option<&CameraHistory>,
         config: &Config,
     ) -> Self {
-        let straight = Self { lens: Lens::STRAIGHT, bend_sd: None, turned: [0.0; 2], view: None, size };
+        let straight = Self {
+            lens: Lens::STRAIGHT,
+            bend_sd: None,
+            is_of_edges: false,
+            turned: [0.0; 2],
+            view: None,
+            size,
+        };
         if let Some(lens) = known.lens(size) {
             let turned = [lens.distortion(size), TOLD_BEND_SD];
             return Self { lens, bend_sd: Some(TOLD_BEND_SD), turned, ..straight };
@@ -64,9 +73,31 @@ impl LensOfClip {
         let all = here.into_iter().chain(before.map(|(lens, sd)| (lens, bend_sd(Lens { per_px2: sd }))));
         // The same site shows the same edges every night. So the most certain lens is used, not the mean.
         match all.reduce(|a, b| if b.1 < a.1 { b } else { a }) {
-            Some((lens, sd)) => Self { lens, bend_sd: Some(sd), turned, view: Some(view), size },
+            Some((lens, sd)) => {
+                let is_of_edges = here == Some((lens, sd));
+                Self { lens, bend_sd: Some(sd), is_of_edges, turned, view: Some(view), size }
+            }
             None => Self { turned, view: Some(view), ..straight },
         }
+    }
+
+    /// Returns the lens if it is plausible for a focal length that was estimated with it; otherwise no distortion.
+    ///
+    /// Edges alone may look like those of a wide-angle lens, for example on a curved road. The cars then show that the
+    /// view is too narrow for such a distortion. A given lens and the camera database's lens stay.
+    pub(crate) fn beside(self, log_focal: LogFocal) -> Self {
+        let is_plausible =
+            !self.is_of_edges || self.view.as_ref().is_none_or(|view| view.found(log_focal).is_some());
+        if is_plausible {
+            return self;
+        }
+        tracing::info!("the lens distortion is dropped: no lens of the estimated focal length has it");
+        Self { lens: Lens::STRAIGHT, bend_sd: None, is_of_edges: false, ..self }
+    }
+
+    /// Whether the lens comes from edges or turns of this clip.
+    pub(crate) fn is_of_edges(&self) -> bool {
+        self.is_of_edges
     }
 
     /// Returns the lens.

@@ -59,7 +59,7 @@ pub fn solve_file(
 ) -> Result<(), PipelineError> {
     let atlas = ShapeAtlas::shipped()?;
     let count = lines(frames)?;
-    let optics = Optics::of(frames, &options.constraints, None, config)?;
+    let optics = Optics::of(frames, &options.constraints, None, &atlas, config)?;
     let read = |phase: &str| -> Result<_, PipelineError> {
         progress.phase(phase);
         progress.expect(Some(count));
