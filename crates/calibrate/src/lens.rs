@@ -324,6 +324,13 @@ mod tests {
     }
 
     #[test]
+    fn no_narrow_view_has_the_distortion_of_a_wide_one() {
+        let bent = LensView::of(&curves(-0.25, 90), None, SIZE);
+        assert!(bent.found([800_f64.ln(), 0.05]).is_some());
+        assert_eq!(bent.found([8000_f64.ln(), 0.05]), None);
+    }
+
+    #[test]
     fn a_turn_shows_the_lens_more_accurately_than_the_grid() {
         let turned = TurnedLens { bend: -0.0315, sd: 0.0008 };
         let found = LensView::of(&[], Some(turned), SIZE).found(ANY).unwrap();

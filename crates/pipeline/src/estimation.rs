@@ -10,10 +10,9 @@ use roadplane_track::{Evidence, Join, Track};
 use roadplane_write::{FrameReader, PoseLines, RunStatus, read_jsonl};
 
 use crate::cameras::camera_track::CameraTrack;
-use crate::cameras::estimate::estimate_cameras;
+use crate::cameras::estimate::{estimate_cameras, optics_of};
 use crate::cameras::known::{contradiction, in_first_picture};
 use crate::cameras::memory::CameraHistory;
-use crate::cameras::optics::Optics;
 use crate::not_followed::{FollowCount, NotFollowed};
 use crate::tracks::known::tracked_cars;
 use crate::tracks::pass::{Pass, Tally};
@@ -166,7 +165,7 @@ pub(crate) fn solve_constrained_clip(
     config: &Config,
     cancel: &Cancel,
 ) -> Result<ClipSolution, PipelineError> {
-    let optics = Optics::of(frames, given.constraints, given.history, atlas, config)?;
+    let optics = optics_of(frames, given.constraints, given.history, atlas, config)?;
     let read = || -> Result<_, PipelineError> {
         let records = FrameReader::open(frames)?.map(|record| {
             cancel.signal().map_or(Ok(()), |signal| Err(PipelineError::Stopped { signal }))?;

@@ -1,6 +1,7 @@
 //! Estimates the camera of a clip from all its frames.
 
 use std::collections::BTreeMap;
+use std::path::Path;
 
 use roadplane_base::{CameraEstimate, FrameRecord, ImageSize, Lens, ShapeAtlas};
 use roadplane_calibrate::{
@@ -8,6 +9,7 @@ use roadplane_calibrate::{
     join,
 };
 use roadplane_measure::usable;
+use roadplane_write::FrameReader;
 
 use crate::cameras::camera_track::{CameraTrack, Visit, by_visits, position_at};
 use crate::cameras::joining::{factors_by_position, fuse_options, nothing_seen, unobservable};
@@ -18,6 +20,34 @@ use crate::cameras::optics::Optics;
 use crate::cameras::remembered::{add_remembered, evidence_of, own_epoch};
 use crate::cameras::window::Solving;
 use crate::{Config, PipelineError};
+
+/// Estimates the lens and the places of a clip from a file of frames.
+///
+/// The cars of the first window check a lens that comes from edges: their focal length must suit it.
+///
+/// # Errors
+/// As for [`Optics::of`] and [`estimate_cameras`].
+pub(crate) fn optics_of(
+    frames: &Path,
+    known: &CameraConstraints,
+    recall: Option<&CameraHistory>,
+    atlas: &ShapeAtlas,
+    config: &Config,
+) -> Result<Optics, PipelineError> {
+    let optics = Optics::of(frames, known, recall, config)?;
+    let Some(lens) = optics.lens.as_ref().filter(|lens| lens.is_of_edges()) else { return Ok(optics) };
+    let first = within(FrameReader::open(frames)?, config.calibrate.window_s);
+    let first = optics.convert(first.map(|frame| frame.map_err(PipelineError::from)));
+    let (known, _) = known.with_frames(&BTreeMap::new());
+    let cameras = estimate_cameras(first, &optics, atlas, &known, None, config)?;
+    let Some(camera) = cameras.estimates().first() else { return Ok(optics) };
+    let log_focal = [camera.params.log_focal, camera.covariance[(0, 0)].max(0.0).sqrt()];
+    if lens.suits(log_focal) {
+        return Ok(optics);
+    }
+    tracing::info!("the lens distortion is dropped: no lens of the estimated focal length has it");
+    Optics::with_lens(lens.clone().without_distortion(), frames)
+}
 
 /// Estimates the camera from all frames, its lens and motion, user constraints and the camera database.
 ///
@@ -119,4 +149,16 @@ pub fn prior_camera(known: &CameraConstraints, frame: &FrameRecord, config: &Con
     let options = fuse_options(size, 0, known, config);
     let told = (!known.is_silent()).then(|| nothing_seen(&options, span_s, 0));
     fuse(told.as_slice(), &options).pop().unwrap_or_else(|| unobservable(&options, span_s, size))
+}
+
+/// Returns the frames of the first `span_s` seconds.
+fn within<E>(
+    frames: impl Iterator<Item = Result<FrameRecord, E>>,
+    span_s: f64,
+) -> impl Iterator<Item = Result<FrameRecord, E>> {
+    let mut end_s = None;
+    frames.take_while(move |frame| {
+        let time_s = frame.as_ref().map_or(f64::NEG_INFINITY, |frame| frame.time_s);
+        time_s <= *end_s.get_or_insert(time_s + span_s)
+    })
 }

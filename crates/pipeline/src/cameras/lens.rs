@@ -81,17 +81,16 @@ impl LensOfClip {
         }
     }
 
-    /// Returns the lens if it is plausible for a focal length that was estimated with it; otherwise no distortion.
+    /// Whether the edges still show a lens if the focal length is estimated.
     ///
     /// Edges alone may look like those of a wide-angle lens, for example on a curved road. The cars then show that the
-    /// view is too narrow for such a distortion. A given lens and the camera database's lens stay.
-    pub(crate) fn beside(self, log_focal: LogFocal) -> Self {
-        let is_plausible =
-            !self.is_of_edges || self.view.as_ref().is_none_or(|view| view.found(log_focal).is_some());
-        if is_plausible {
-            return self;
-        }
-        tracing::info!("the lens distortion is dropped: no lens of the estimated focal length has it");
+    /// view is too narrow for such a distortion.
+    pub(crate) fn suits(&self, log_focal: LogFocal) -> bool {
+        self.view.as_ref().is_none_or(|view| view.found(log_focal).is_some())
+    }
+
+    /// Returns the same edges and turns without a lens.
+    pub(crate) fn without_distortion(self) -> Self {
         Self { lens: Lens::STRAIGHT, bend_sd: None, is_of_edges: false, ..self }
     }
 

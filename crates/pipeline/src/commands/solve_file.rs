@@ -10,10 +10,9 @@ use roadplane_measure::{FrameCamera, any_car, fit_frame, usable};
 use roadplane_solve::{FreeCarFit, SceneOptions, ShapePrior, fit_free_car};
 use roadplane_write::{FrameReader, PoseLines, write_camera};
 
-use crate::cameras::estimate::{estimate_cameras, prior_camera};
+use crate::cameras::estimate::{estimate_cameras, optics_of, prior_camera};
 use crate::cameras::frame::{estimate_frame, estimate_frame_as_paper};
 use crate::cameras::known::{contradiction, in_first_picture};
-use crate::cameras::optics::Optics;
 use crate::tracks::poses::{CarriedPoses, free_pose_record, pose_record};
 use crate::{CameraConstraints, Cancel, Config, PipelineError, Progress};
 
@@ -59,7 +58,7 @@ pub fn solve_file(
 ) -> Result<(), PipelineError> {
     let atlas = ShapeAtlas::shipped()?;
     let count = lines(frames)?;
-    let optics = Optics::of(frames, &options.constraints, None, &atlas, config)?;
+    let optics = optics_of(frames, &options.constraints, None, &atlas, config)?;
     let read = |phase: &str| -> Result<_, PipelineError> {
         progress.phase(phase);
         progress.expect(Some(count));
