@@ -24,7 +24,7 @@ mod nodes;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 
-use nalgebra::{Vector2, Vector4};
+use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{
     CameraEstimate, CameraParams, CameraPrior, CameraStatus, ImageSize, JointInformation, Lens,
     SHARED_ERRORS, SharedSd, is_determined,
@@ -81,6 +81,23 @@ pub struct WindowEstimate {
     pub steady: bool,
 }
 
+impl WindowEstimate {
+    /// Returns a window without cars.
+    #[must_use]
+    pub fn without_cars(options: &FuseOptions, span_s: [f64; 2], segment: usize) -> Self {
+        Self {
+            span_s,
+            frames: 0,
+            params: options.prior.params,
+            joint: JointInformation::none(),
+            cars: Vec::new(),
+            segment,
+            start: SegmentStart::Clip,
+            steady: true,
+        }
+    }
+}
+
 /// Options for joining windows.
 #[derive(Clone, Debug)]
 pub struct FuseOptions {
@@ -123,6 +140,23 @@ impl FuseOptions {
     #[must_use]
     pub fn for_cars(&self) -> Self {
         Self { factors: BTreeMap::new(), size_of_cars_sd: 0.0, ..self.clone() }
+    }
+
+    /// Returns an estimate with the numbers and sds of the prior, and the status "unobservable".
+    #[must_use]
+    pub fn unobservable(&self, span_s: [f64; 2]) -> CameraEstimate {
+        CameraEstimate {
+            span_s,
+            image_size_px: self.image_size_px,
+            principal_point_px: self.principal_point_px,
+            lens: self.lens,
+            distortion_sd: self.bend_sd,
+            params: self.prior.params,
+            covariance: Matrix4::from_diagonal(&self.prior.sd.map(|sd| sd * sd)),
+            status: CameraStatus::Unobservable,
+            cars_used: 0,
+            frames_used: 0,
+        }
     }
 
     /// Returns the defaults for pictures of this size: the default [`CameraPrior`], the principal point in the middle.

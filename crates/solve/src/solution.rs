@@ -95,13 +95,12 @@ pub struct SceneSolution {
     pub params: CameraParams,
     /// Information of the cars alone on the camera (log f, tilt, roll, log h) and on the errors that all cars share.
     ///
-    /// Poses and shapes of the cars are marginalised. The camera's prior is not included. So the
-    /// information of independent frames of a scene can be summed.
+    /// Poses and shapes of the cars are marginalised. The camera's prior is not included. So the information of
+    /// independent frames of a scene can be summed.
     pub information: JointInformation,
     /// Covariance of (log f, tilt, roll, log h).
     ///
-    /// It includes the camera's prior and the errors that all cars share. Rows of given parameters are
-    /// zero.
+    /// It includes the camera's prior and the errors that all cars share. Rows of given parameters are zero.
     pub covariance: Matrix4<f64>,
     /// Solution of the car in each view, in the order of the input; `None` if the view could not be fitted.
     pub cars: Vec<Option<CarSolution>>,
@@ -111,4 +110,25 @@ pub struct SceneSolution {
     pub iterations: usize,
     /// Reason why the final descent stopped.
     pub termination: Termination,
+}
+
+impl SceneSolution {
+    /// Returns the camera (log f, tilt, roll, log h) of the cars alone, and their information with this mean.
+    ///
+    /// The camera's prior is removed. If this moves the camera by more than 2 sds, the linearisation does not hold, and
+    /// the camera of the solution is returned.
+    #[must_use]
+    pub fn by_cars(&self) -> (CameraParams, JointInformation) {
+        let joint = self.information;
+        let alone = joint.information.cholesky().map(|i| CameraParams::from_vector(&i.solve(&joint.vector)));
+        let params = alone.filter(|alone| self.is_near(alone)).unwrap_or(self.params);
+        (params, JointInformation { vector: joint.information * params.to_vector(), ..joint })
+    }
+
+    /// Whether a camera is within 2 sds of the solution.
+    fn is_near(&self, params: &CameraParams) -> bool {
+        let step = params.to_vector() - self.params.to_vector();
+        let sd = self.covariance.diagonal().map(|variance| variance.max(0.0).sqrt());
+        (0..4).all(|i| step[i].is_finite() && step[i].abs() <= 2.0 * sd[i] + 1e-9)
+    }
 }

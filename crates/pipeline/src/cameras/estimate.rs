@@ -5,14 +5,14 @@ use std::path::Path;
 
 use roadplane_base::{CameraEstimate, FrameRecord, ImageSize, Lens, ShapeAtlas};
 use roadplane_calibrate::{
-    Cues, EvidenceBuilder, EvidenceOptions, FuseOptions, Joined, SceneLines, Turns, Window, epochs, fuse,
-    join,
+    Cues, EvidenceBuilder, EvidenceOptions, FuseOptions, Joined, SceneLines, Turns, Window, WindowEstimate,
+    epochs, fuse, join,
 };
 use roadplane_measure::usable;
 use roadplane_write::FrameReader;
 
 use crate::cameras::camera_track::{CameraTrack, Visit, by_visits, position_at};
-use crate::cameras::joining::{factors_by_position, fuse_options, nothing_seen, unobservable};
+use crate::cameras::joining::{factors_by_position, fuse_options};
 use crate::cameras::known::CameraConstraints;
 use crate::cameras::lens::LensOfClip;
 use crate::cameras::memory::{CameraHistory, look};
@@ -117,7 +117,7 @@ pub(crate) fn estimate_cameras(
     });
     let turns: BTreeMap<usize, Turns> = optics.places.turns().collect();
     if windows.is_empty() && !(known.is_silent() && turns.is_empty()) {
-        windows.push(nothing_seen(&options, span_s, 0));
+        windows.push(WindowEstimate::without_cars(&options, span_s, 0));
     }
     let position_at = |time_s: f64| position_at(&visits, time_s);
     let lines =
@@ -129,7 +129,7 @@ pub(crate) fn estimate_cameras(
     let Joined { estimates, segments, size_of_cars } = join(&windows, &options);
     let mut estimates = by_visits(estimates, &segments, &visits);
     if estimates.is_empty() {
-        estimates.push(unobservable(&options, span_s, size));
+        estimates.push(options.unobservable(span_s));
         tracing::warn!("the camera cannot be estimated from the cars of {frame_count} frames");
     }
     let known = known.checked(size, |others| {
@@ -147,8 +147,8 @@ pub(crate) fn estimate_cameras(
 pub fn prior_camera(known: &CameraConstraints, frame: &FrameRecord, config: &Config) -> CameraEstimate {
     let (size, span_s) = (frame.image_size_px, [frame.time_s; 2]);
     let options = fuse_options(size, 0, known, config);
-    let told = (!known.is_silent()).then(|| nothing_seen(&options, span_s, 0));
-    fuse(told.as_slice(), &options).pop().unwrap_or_else(|| unobservable(&options, span_s, size))
+    let told = (!known.is_silent()).then(|| WindowEstimate::without_cars(&options, span_s, 0));
+    fuse(told.as_slice(), &options).pop().unwrap_or_else(|| options.unobservable(span_s))
 }
 
 /// Returns the frames of the first `span_s` seconds.

@@ -12,10 +12,9 @@ use roadplane_solve::{
 };
 
 use crate::Config;
-use crate::cameras::joining::{fuse_options, nothing_seen};
+use crate::cameras::joining::fuse_options;
 use crate::cameras::known::CameraConstraints;
 use crate::cameras::lens::LensOfClip;
-use crate::cameras::window::by_cars_alone;
 
 /// Estimates the camera of a single frame.
 #[must_use]
@@ -38,9 +37,9 @@ pub fn estimate_frame(
     let cars_used = solution.cars.iter().flatten().filter(|car| car.used).count();
     if !known.is_silent() {
         let fuse_options = lens.count(&[], fuse_options(size, 0, &known, config));
-        let silent = nothing_seen(&fuse_options, [frame.time_s; 2], 0);
+        let silent = WindowEstimate::without_cars(&fuse_options, [frame.time_s; 2], 0);
         let window = if solution.status.usable() {
-            let (params, joint) = by_cars_alone(&solution);
+            let (params, joint) = solution.by_cars();
             WindowEstimate { params, joint, ..silent }
         } else {
             silent

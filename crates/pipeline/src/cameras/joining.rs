@@ -1,11 +1,10 @@
-//! Options for joining windows and clips: the prior, the factors that count once, and the results without evidence.
+//! Options for joining windows and clips: the prior, and the factors that count once.
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use nalgebra::Matrix4;
-use roadplane_base::{CameraEstimate, CameraStatus, ImageSize, JointInformation};
-use roadplane_calibrate::{Factor, FuseOptions, FusePrior, SegmentStart, WindowEstimate};
+use roadplane_base::ImageSize;
+use roadplane_calibrate::{Factor, FuseOptions, FusePrior};
 use roadplane_solve::SceneOptions;
 
 use crate::Config;
@@ -43,20 +42,6 @@ pub(crate) fn factors_by_position(
     factors.filter(|(_, factors): &(usize, Arc<[Factor]>)| !factors.is_empty()).collect()
 }
 
-/// Returns a window without cars.
-pub(crate) fn nothing_seen(options: &FuseOptions, span_s: [f64; 2], segment: usize) -> WindowEstimate {
-    WindowEstimate {
-        span_s,
-        frames: 0,
-        params: options.prior.params,
-        joint: JointInformation::none(),
-        cars: Vec::new(),
-        segment,
-        start: SegmentStart::Clip,
-        steady: true,
-    }
-}
-
 /// Returns the camera's prior; a given focal length replaces the prior's one.
 fn fuse_prior(options: &SceneOptions, size: ImageSize) -> FusePrior {
     let prior = &options.camera_prior;
@@ -67,20 +52,4 @@ fn fuse_prior(options: &SceneOptions, size: ImageSize) -> FusePrior {
         sd[0] = GIVEN_LOG_FOCAL_SD;
     }
     FusePrior { params, sd }
-}
-
-/// Returns an estimate with the numbers and sds of the prior, and the status "unobservable".
-pub(crate) fn unobservable(options: &FuseOptions, span_s: [f64; 2], size: ImageSize) -> CameraEstimate {
-    CameraEstimate {
-        span_s,
-        image_size_px: size,
-        principal_point_px: options.principal_point_px,
-        lens: options.lens,
-        distortion_sd: options.bend_sd,
-        params: options.prior.params,
-        covariance: Matrix4::from_diagonal(&options.prior.sd.map(|sd| sd * sd)),
-        status: CameraStatus::Unobservable,
-        cars_used: 0,
-        frames_used: 0,
-    }
 }

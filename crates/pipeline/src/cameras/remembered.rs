@@ -7,7 +7,6 @@ use roadplane_calibrate::{
     CarIdentity, Epoch, FuseOptions, SegmentStart, WindowEstimate, condense, fuse, joins, same_vehicle,
 };
 
-use crate::cameras::joining::nothing_seen;
 use crate::cameras::memory::{CameraHistory, look};
 
 /// Returns the evidence of the camera's last position, and the identities of its parked vehicles.
@@ -25,7 +24,8 @@ pub(crate) fn evidence_of(
     if fuse(&last, options).len() > 1 {
         return None;
     }
-    let together = condense(&last, options).unwrap_or_else(|| nothing_seen(options, clip_span_s, position));
+    let together = condense(&last, options)
+        .unwrap_or_else(|| WindowEstimate::without_cars(options, clip_span_s, position));
     let stood = together.cars.iter().filter(|used| used.parked);
     let (cars, stood): (Vec<CarIdentity>, Vec<ParkedCar>) =
         stood.filter_map(|used| Some((used.car, parked.get(&used.car)?.clone()))).unzip();

@@ -2,13 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::Matrix4;
-use roadplane_base::{
-    Camera, CameraParams, ImageSize, JointInformation, Keypoint, Lens, ParkedCar, ShapeAtlas,
-};
+use roadplane_base::{Camera, CameraParams, ImageSize, Keypoint, Lens, ParkedCar, ShapeAtlas};
 use roadplane_calibrate::{CarIdentity, CarUse, View, Window, WindowEstimate};
 use roadplane_measure::projected_box;
-use roadplane_solve::{CarView, SceneOptions, SceneSolution, solve_scene};
+use roadplane_solve::{CarView, SceneOptions, solve_scene};
 
 use crate::Config;
 
@@ -116,7 +113,7 @@ fn solve_window(
         used.iter().map(|view| CarUse { car: CarIdentity::Clip(view.link), parked: view.parked }).collect();
     cars.sort_by_key(|used| used.car);
     cars.dedup_by_key(|used| used.car);
-    let (params, joint) = by_cars_alone(&solution);
+    let (params, joint) = solution.by_cars();
     let estimate = WindowEstimate {
         span_s: window.span_s,
         frames: window.frames,
@@ -135,15 +132,6 @@ fn solve_window(
     Some(SolvedWindow { estimate, parked })
 }
 
-/// Returns the evidence of the cars alone. The solve's prior is removed, because it counts once over all windows.
-pub(crate) fn by_cars_alone(solution: &SceneSolution) -> (CameraParams, JointInformation) {
-    let joint = solution.information;
-    let alone = joint.information.cholesky().map(|i| CameraParams::from_vector(&i.solve(&joint.vector)));
-    let alone = alone.filter(|params| near(params, &solution.params, &solution.covariance));
-    let params = alone.unwrap_or(solution.params);
-    (params, JointInformation { vector: joint.information * params.to_vector(), ..joint })
-}
-
 /// Returns a view as a parked car for the database, rounded to a tenth of a pixel.
 fn parked_car(view: &View) -> ParkedCar {
     let rounded = |v: f64| (v * 10.0).round() / 10.0;
@@ -152,10 +140,4 @@ fn parked_car(view: &View) -> ParkedCar {
         bbox_px: view.bbox_px.map(rounded),
         keypoints_px: view.keypoints.iter().map(|point| point.as_ref().map(pixel)).collect(),
     }
-}
-
-/// Returns whether removing the prior moves the estimate by at most the range of the linearisation (2 sds).
-fn near(a: &CameraParams, b: &CameraParams, covariance: &Matrix4<f64>) -> bool {
-    let step = a.to_vector() - b.to_vector();
-    (0..4).all(|i| step[i].is_finite() && step[i].abs() <= 2.0 * covariance[(i, i)].max(0.0).sqrt() + 1e-9)
 }
