@@ -1,8 +1,13 @@
-//! Fuses the estimates of windows to the camera over time.
+//! The factor graph of a clip's camera: fuses the windows and all other factors over time.
 //!
-//! Each window gives a Gaussian `c ~ N(c_w, I_w⁻¹)` of c = (log f, tilt, roll, log h). All information in `I_w` comes
-//! from keypoints, none from a prior. The window also gives the dependence of c on the errors that all cars of the site
-//! share.
+//! The unknowns are (log f, tilt, roll, log h) of each camera position, and the size of the place's cars. The evidence is
+//!
+//! - the cars of each window: a Gaussian of (log f, horizon, roll, log h) from their keypoints, with its dependence on the
+//!   errors that all cars of the place share;
+//! - [`Factor`]s: user constraints, verticals, turns; a factor counts once at its camera position;
+//! - the transitions between camera positions, and the camera's prior.
+//!
+//! Some results use a part of the evidence: the camera by cars alone has no factors ([`FuseOptions::for_cars`]).
 //!
 //! Windows share parked cars, and so they share the bias of these cars' keypoints. Therefore window w counts with the
 //! factor

@@ -12,14 +12,16 @@
 //!                               └─ ViewSelector    takes one view of a parked car, several of a moving one
 //!             → Window { views, … } → (joint solve of the window, in another crate) → WindowEstimate
 //!             → fuse → one CameraEstimate per interval
-//! SceneLine → verticals → Factor, with beside_a_witness(windows) → fuse     focal length from vertical lines
-//! Registration → PlacesBuilder → Turns → Factor → fuse   focal length from turns and zooms
+//! SceneLine → Cues → Factor → fuse                focal length from vertical lines
+//! Registration → PlacesBuilder → Turns → Cues → Factor → fuse   focal length from turns and zooms
+//! user constraints → Factor → fuse
 //! SceneCurve, Registration → TurnedLensBuilder → LensView   lens distortion and its sd, before any solve
 //! CameraEvidence of other clips → epochs → more WindowEstimates for fuse    camera database
 //! ```
 //!
-//! # Calibrated uncertainties A parked car that appears in 100 frames is one car. The white noise of its keypoints
-//! averages out, but their bias does not ([`combine`]). A car that appears in ten windows counts once ([`fuse`]).
+//! # Calibrated uncertainties
+//! A parked car that appears in 100 frames is one car. The white noise of its keypoints averages out, but their bias
+//! does not ([`combine`]). A car that appears in ten windows counts once ([`fuse`]).
 
 mod adjust;
 mod combine;

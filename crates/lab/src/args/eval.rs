@@ -169,7 +169,7 @@ pub struct EvalMotionArgs {
         num_args = 1..,
         value_name = "MOTION",
         default_values = [
-            "sway_3px", "sway_12px", "shake_8hz", "drift", "pan", "zoom", "far_pan", "tour",
+            "aside", "sway_3px", "sway_12px", "shake_8hz", "drift", "pan", "zoom", "far_pan", "tour",
         ]
     )]
     pub motions: Vec<Motion>,

@@ -28,6 +28,9 @@ const TOUR: (usize, usize) = (3, 3);
 pub enum Motion {
     /// No motion.
     Rest,
+    /// No motion, but all pictures are displaced by half a pixel. Its differences from the film at rest come from other
+    /// pixel values alone.
+    Aside,
     /// Sway of ± 3 px with a period of 1.5 s, as of a pole in wind.
     #[value(name = "sway_3px")]
     Sway3,
@@ -51,8 +54,9 @@ pub enum Motion {
 
 impl Motion {
     /// All motions; the first is the camera at rest.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Rest,
+        Self::Aside,
         Self::Sway3,
         Self::Sway12,
         Self::Shake,
@@ -67,6 +71,7 @@ impl Motion {
     pub fn name(self) -> &'static str {
         match self {
             Self::Rest => "rest",
+            Self::Aside => "aside",
             Self::Sway3 => "sway_3px",
             Self::Sway12 => "sway_12px",
             Self::Shake => "shake_8hz",
@@ -173,6 +178,7 @@ impl Clip {
         let far = direction * (angle(0.5 - MARGIN) - angle(FAR_SHARE / 2.0));
         let turn = match motion {
             Motion::Rest | Motion::Zoom => [0.0; 3],
+            Motion::Aside => [0.5 * px, 0.5 * px, 0.0],
             Motion::Sway3 => [3.0 * px * wave(1.5), 2.0 * px * wave(1.1), 0.0],
             Motion::Sway12 => [12.0 * px * wave(3.7), 5.0 * px * wave(2.3), 0.004 * wave(3.1)],
             Motion::Shake => [2.0 * px * wave(0.125), 1.5 * px * wave(0.14), 0.0],
