@@ -38,8 +38,8 @@ use roadplane_base::{
 use self::changes::{Part, explain};
 use self::evidence::Evidence;
 pub use self::group::condense;
-use self::group::{middle_s, shares, span_s, together};
-use self::horizon::Seen;
+use self::group::{is_usable, mean, middle_s, shares, span_s, together};
+use self::horizon::CarEvidence;
 use self::nodes::{Gaussian, Node, Step, smooth};
 use crate::factors::Factor;
 use crate::prior::FusePrior;
@@ -216,12 +216,9 @@ pub struct Joined {
 /// Fuses the windows of a clip like [`fuse`], and also returns the size of the cars.
 #[must_use]
 pub fn join(windows: &[WindowEstimate], options: &FuseOptions) -> Joined {
-    let mut usable: Vec<Seen<'_>> = windows.iter().filter_map(Seen::of).collect();
+    let mut usable: Vec<&WindowEstimate> = windows.iter().filter(|window| is_usable(window)).collect();
     // Windows of a position to which the camera returns come together.
-    usable.sort_by(|a, b| {
-        let [a, b] = [a.window, b.window];
-        a.segment.cmp(&b.segment).then(a.span_s[0].total_cmp(&b.span_s[0]))
-    });
+    usable.sort_by(|a, b| a.segment.cmp(&b.segment).then(a.span_s[0].total_cmp(&b.span_s[0])));
     let pieces = pieces(&usable, options);
     let (nodes, states) = solve(&pieces, options);
     let solved = pieces.iter().zip(&nodes).zip(&states);
@@ -237,9 +234,9 @@ pub fn join(windows: &[WindowEstimate], options: &FuseOptions) -> Joined {
 /// Windows with one constant camera, and all evidence on this camera.
 struct Piece<'a, 'w> {
     /// The windows, in the order of time.
-    windows: &'a [Seen<'w>],
-    /// Evidence of cars on (log f, horizon, roll, log h').
-    cars: Evidence,
+    windows: &'a [&'w WindowEstimate],
+    /// Evidence of cars, and the camera (log f, tilt, roll, log h') that it shows.
+    cars: (CarEvidence, Vector4<f64>),
     /// Other factors.
     factors: Vec<&'a Factor>,
     /// Transition from the camera of the previous piece.
@@ -249,15 +246,15 @@ struct Piece<'a, 'w> {
 impl Piece<'_, '_> {
     /// Returns the index of the camera position.
     fn segment(&self) -> usize {
-        self.windows.first().map_or(0, |seen| seen.window.segment)
+        self.windows.first().map_or(0, |window| window.segment)
     }
 }
 
 /// Divides windows into pieces with one constant camera. `usable` is sorted by position and time.
-fn pieces<'a, 'w>(usable: &'a [Seen<'w>], options: &'a FuseOptions) -> Vec<Piece<'a, 'w>> {
+fn pieces<'a, 'w>(usable: &'a [&'w WindowEstimate], options: &'a FuseOptions) -> Vec<Piece<'a, 'w>> {
     let mut pieces: Vec<Piece<'a, 'w>> = Vec::new();
-    for segment in usable.chunk_by(|a, b| a.window.segment == b.window.segment) {
-        let first = segment[0].window;
+    for segment in usable.chunk_by(|a, b| a.segment == b.segment) {
+        let first = segment[0];
         let mut start = Some(first.start);
         let is_first_segment = pieces.is_empty();
         for Part { windows: part, drift } in explain(segment, options).0 {
@@ -281,12 +278,26 @@ fn pieces<'a, 'w>(usable: &'a [Seen<'w>], options: &'a FuseOptions) -> Vec<Piece
                 };
                 let here = options.factors.get(&first.segment).filter(|_| is_start);
                 let factors = here.iter().flat_map(|factors| factors.iter()).filter(counts).collect();
-                let (information, weighted) = together(windows, shares, options).marginal(options.shared_sd);
-                pieces.push(Piece { windows, cars: Evidence { information, weighted }, factors, step });
+                let cars = evidence_of_cars(windows, shares, options);
+                pieces.push(Piece { windows, cars, factors, step });
             }
         }
     }
     pieces
+}
+
+/// Returns the evidence of a group of windows, and the camera at which it was linearised.
+fn evidence_of_cars(
+    windows: &[&WindowEstimate],
+    shares: &[f64],
+    options: &FuseOptions,
+) -> (CarEvidence, Vector4<f64>) {
+    let joint = together(windows, shares, options);
+    let prior = options.prior.params.to_vector();
+    let camera = mean(&joint.information, &joint.vector, options).unwrap_or(prior);
+    let (information, weighted) = joint.marginal(options.shared_sd);
+    CarEvidence::of(&Evidence { information, weighted }, &camera)
+        .map_or_else(|| (CarEvidence::none(), prior), |evidence| (evidence, camera))
 }
 
 /// Returns the nodes with all their evidence, and the smoothed states.
@@ -295,18 +306,13 @@ fn pieces<'a, 'w>(usable: &'a [Seen<'w>], options: &'a FuseOptions) -> Vec<Piece
 fn solve(pieces: &[Piece<'_, '_>], options: &FuseOptions) -> (Vec<Node>, Vec<Gaussian>) {
     let mut factors: Vec<Vec<Evidence>> =
         pieces.iter().map(|piece| vec![Evidence::none(); piece.factors.len()]).collect();
-    let mut at: Vec<[Vector4<f64>; 2]> = pieces
-        .iter()
-        .map(|piece| {
-            [piece.windows.last().map_or(Vector4::zeros(), |seen| seen.window.params.to_vector()); 2]
-        })
-        .collect();
+    let mut at: Vec<[Vector4<f64>; 2]> = pieces.iter().map(|piece| [piece.cars.1; 2]).collect();
     let mut states: Vec<Gaussian> = Vec::new();
     let mut nodes = Vec::new();
     for _ in 0..ROUNDS {
         nodes.clear();
         for (i, (piece, factors)) in pieces.iter().zip(&mut factors).enumerate() {
-            let cars = piece.cars.linearised(&at[i][0]);
+            let cars = piece.cars.0.linearised(&at[i][0]);
             let mut node = Node { cars, metres: Evidence::none(), step: piece.step };
             // The first round has cars alone. It shows where the factors are to be linearised.
             if let Some(state) = states.get(i) {
@@ -353,7 +359,12 @@ fn step_from(start: SegmentStart) -> Step {
 }
 
 /// Builds the camera estimate of a group from its smoothed state.
-fn estimate(group: &[Seen<'_>], node: &Node, state: &Gaussian, options: &FuseOptions) -> CameraEstimate {
+fn estimate(
+    group: &[&WindowEstimate],
+    node: &Node,
+    state: &Gaussian,
+    options: &FuseOptions,
+) -> CameraEstimate {
     let (params, covariance) = state.camera();
     let told = node.cars.and(&node.metres).information;
     let prior = options.prior.sd.map(|sd| 1.0 / (sd * sd));
@@ -368,7 +379,7 @@ fn estimate(group: &[Seen<'_>], node: &Node, state: &Gaussian, options: &FuseOpt
         CameraStatus::FocalFromPrior
     };
     let cars: BTreeSet<CarIdentity> =
-        group.iter().flat_map(|seen| seen.window.cars.iter().map(|used| used.car)).collect();
+        group.iter().flat_map(|window| window.cars.iter().map(|used| used.car)).collect();
     CameraEstimate {
         span_s: span_s(group),
         image_size_px: options.image_size_px,
@@ -379,6 +390,6 @@ fn estimate(group: &[Seen<'_>], node: &Node, state: &Gaussian, options: &FuseOpt
         covariance,
         status,
         cars_used: cars.len(),
-        frames_used: group.iter().map(|seen| seen.window.frames).sum(),
+        frames_used: group.iter().map(|window| window.frames).sum(),
     }
 }

@@ -4,7 +4,7 @@ use nalgebra::Matrix4;
 
 use super::FuseOptions;
 use super::group::{SCATTER, constant, middle_s, shares};
-use super::horizon::Seen;
+use crate::WindowEstimate;
 
 /// Multiples of `drift_sd` that are tried.
 const DRIFTS: [f64; 4] = [1.0, 4.0, 16.0, 64.0];
@@ -12,7 +12,7 @@ const DRIFTS: [f64; 4] = [1.0, 4.0, 16.0, 64.0];
 /// A group of windows in which the camera was either stationary or drifting.
 pub(super) struct Part<'a, 'w> {
     /// The windows, in the order of time.
-    pub windows: &'a [Seen<'w>],
+    pub windows: &'a [&'w WindowEstimate],
     /// Drift as a multiple of `drift_sd`; `None` for a stationary camera.
     pub drift: Option<f64>,
 }
@@ -22,15 +22,18 @@ pub(super) struct Part<'a, 'w> {
 ///
 /// Returns the parts and their gain in log likelihood. Each change or drift must gain at least `min_gain`. No change is
 /// accepted where parked cars confirm a stationary camera. One window alone is no change: the next one must agree.
-pub(super) fn explain<'a, 'w>(group: &'a [Seen<'w>], options: &FuseOptions) -> (Vec<Part<'a, 'w>>, f64) {
+pub(super) fn explain<'a, 'w>(
+    group: &'a [&'w WindowEstimate],
+    options: &FuseOptions,
+) -> (Vec<Part<'a, 'w>>, f64) {
     let standing = (vec![Part { windows: group, drift: None }], 0.0);
-    if group.len() < 4 || group[1..].iter().all(|seen| seen.window.steady) {
+    if group.len() < 4 || group[1..].iter().all(|window| window.steady) {
         return standing;
     }
-    let cost = |part: &[Seen<'_>]| constant(part, &shares(part, options), options).cost;
+    let cost = |part: &[&WindowEstimate]| constant(part, &shares(part, options), options).cost;
     let whole = cost(group);
     let gains = (2..=group.len() - 2)
-        .filter(|&cut| !group[cut].window.steady)
+        .filter(|&cut| !group[cut].steady)
         .map(|cut| (cut, whole - cost(&group[..cut]) - cost(&group[cut..]) - options.min_gain));
     let best = gains.reduce(|best, next| if next.1 > best.1 { next } else { best });
     let changed = best.filter(|(_, gain)| *gain > 0.0).map_or(standing, |(cut, gain)| {
@@ -45,7 +48,7 @@ pub(super) fn explain<'a, 'w>(group: &'a [Seen<'w>], options: &FuseOptions) -> (
 }
 
 /// Returns the multiple of `drift_sd` that explains a group best, and its gain in log likelihood over no drift.
-fn drift_of(group: &[Seen<'_>], options: &FuseOptions) -> (f64, f64) {
+fn drift_of(group: &[&WindowEstimate], options: &FuseOptions) -> (f64, f64) {
     let still = drift_log_likelihood(group, 0.0, options);
     let gains = DRIFTS.map(|scale| (scale, drift_log_likelihood(group, scale, options) - still));
     gains.into_iter().fold((0.0, 0.0), |best, next| if next.1 > best.1 { next } else { best })
@@ -54,12 +57,12 @@ fn drift_of(group: &[Seen<'_>], options: &FuseOptions) -> (f64, f64) {
 /// Returns the log likelihood of the windows' innovations in a random walk with Student-t tails.
 ///
 /// `scale` is the drift as a multiple of `drift_sd`.
-fn drift_log_likelihood(group: &[Seen<'_>], scale: f64, options: &FuseOptions) -> f64 {
+fn drift_log_likelihood(group: &[&WindowEstimate], scale: f64, options: &FuseOptions) -> f64 {
     let mut mean = options.prior.params.to_vector();
     let mut covariance = Matrix4::from_diagonal(&options.prior.sd.map(|sd| sd * sd));
     let loose = covariance.map(|v| 1e4 * v);
     let mut total = 0.0;
-    for (i, Seen { window, .. }) in group.iter().enumerate() {
+    for (i, window) in group.iter().enumerate() {
         if i > 0 {
             let gap_s = (middle_s(&group[i..=i]) - middle_s(&group[i - 1..i])).max(0.0);
             covariance += Matrix4::from_diagonal(&(options.drift_sd * scale).map(|sd| sd * sd * gap_s));

@@ -6,29 +6,28 @@ use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{CameraParams, JointInformation, StudentT, weighted_median};
 
 use super::FuseOptions;
-use super::horizon::{Seen, by_camera, information_with_tilt, with_horizon, with_tilt};
 use crate::{CarIdentity, CarUse, WindowEstimate};
 
 /// Error model of windows; a window with a wrong minimum has little weight.
 pub(super) const SCATTER: StudentT = StudentT { dimensions: 4.0 };
 
-/// Returns the mean and the information of the camera's prior on (log f, horizon, roll, log h').
-fn prior(options: &FuseOptions) -> (Vector4<f64>, Matrix4<f64>) {
-    let camera = options.prior.params.to_vector();
-    let back = by_camera(&camera).try_inverse().unwrap_or_else(Matrix4::identity);
-    let information = Matrix4::from_diagonal(&options.prior.sd.map(|sd| 1.0 / (sd * sd)));
-    (with_horizon(&camera), back.transpose() * information * back)
+/// Returns whether a window has finite numbers and no negative information.
+pub(super) fn is_usable(window: &WindowEstimate) -> bool {
+    let joint = &window.joint;
+    let finite = window.params.to_vector().iter().chain(joint.vector.iter()).all(|x| x.is_finite())
+        && joint.information.iter().chain(joint.cross.iter()).all(|x| x.is_finite());
+    finite && window.span_s.iter().all(|t| t.is_finite()) && joint.information.diagonal().min() >= 0.0
 }
 
 /// Returns the share of each window's evidence that other windows of the group do not already contain, 0–1.
-pub(super) fn shares(group: &[Seen<'_>], options: &FuseOptions) -> Vec<f64> {
+pub(super) fn shares(group: &[&WindowEstimate], options: &FuseOptions) -> Vec<f64> {
     let mut windows_of: BTreeMap<CarIdentity, f64> = BTreeMap::new();
-    for seen in group {
-        for car in seen.window.cars.iter().map(|used| used.car).collect::<BTreeSet<_>>() {
+    for window in group {
+        for car in window.cars.iter().map(|used| used.car).collect::<BTreeSet<_>>() {
             *windows_of.entry(car).or_default() += 1.0;
         }
     }
-    let share = |Seen { window, .. }: &Seen<'_>| {
+    let share = |window: &&WindowEstimate| {
         let of_car = |used: &CarUse| {
             let correlation =
                 if used.parked { options.parked_correlation } else { options.moving_correlation };
@@ -51,31 +50,32 @@ pub(super) struct Constant {
 }
 
 /// Fits one constant camera to a group. `shares` are the windows' shares of new evidence, 0–1.
-pub(super) fn constant(group: &[Seen<'_>], shares: &[f64], options: &FuseOptions) -> Constant {
-    let (prior, prior_information) = prior(options);
+pub(super) fn constant(group: &[&WindowEstimate], shares: &[f64], options: &FuseOptions) -> Constant {
+    let prior_information = Matrix4::from_diagonal(&options.prior.sd.map(|sd| 1.0 / (sd * sd)));
+    let prior = options.prior.params.to_vector();
     let mut centre = Vector4::from_fn(|i, _| {
         let mut values: Vec<(f64, f64)> = group
             .iter()
             .zip(shares)
-            .map(|(seen, share)| (seen.mean[i], share * seen.joint.information[(i, i)]))
+            .map(|(w, share)| (w.params.to_vector()[i], share * w.joint.information[(i, i)]))
             .collect();
         weighted_median(&mut values).unwrap_or(prior[i])
     });
-    let distance = |seen: &Seen<'_>, centre: &Vector4<f64>| {
-        let away = seen.mean - centre;
-        away.dot(&(seen.joint.information * away)).max(0.0)
+    let distance = |window: &WindowEstimate, centre: &Vector4<f64>| {
+        let away = window.params.to_vector() - centre;
+        away.dot(&(window.joint.information * away)).max(0.0)
     };
     let mut distances = Vec::new();
     let mut weights = Vec::new();
     for _ in 0..30 {
-        distances = group.iter().map(|seen| distance(seen, &centre)).collect();
+        distances = group.iter().map(|window| distance(window, &centre)).collect();
         weights = distances.iter().map(|d2| SCATTER.weight(*d2)).collect();
         let mut information = prior_information;
         let mut sum = prior_information * prior;
-        for ((seen, share), weight) in group.iter().zip(shares).zip(&weights) {
-            let own = seen.joint.information * (share * weight);
+        for ((window, share), weight) in group.iter().zip(shares).zip(&weights) {
+            let own = window.joint.information * (share * weight);
             information += own;
-            sum += own * seen.mean;
+            sum += own * window.params.to_vector();
         }
         let Some(next) = information.cholesky().map(|c| c.solve(&sum)) else { break };
         let moved = (next - centre).norm();
@@ -93,15 +93,15 @@ pub(super) fn constant(group: &[Seen<'_>], shares: &[f64], options: &FuseOptions
 /// If windows scatter more than their covariances allow, the covariance is widened (Birge's ratio).
 ///
 /// `shares` are the windows' shares of new evidence, 0–1.
-pub(super) fn together(group: &[Seen<'_>], shares: &[f64], options: &FuseOptions) -> JointInformation {
+pub(super) fn together(group: &[&WindowEstimate], shares: &[f64], options: &FuseOptions) -> JointInformation {
     let Constant { weights, distances, .. } = constant(group, shares, options);
     let surplus = 4.0 * (group.len() as f64 - 1.0);
     let scatter: f64 = distances.iter().zip(&weights).map(|(d2, w)| d2 * w).sum();
     let widened = if group.len() >= 3 { (scatter / surplus).max(1.0) } else { 1.0 };
     let mut sum = JointInformation::none();
-    for ((seen, share), weight) in group.iter().zip(shares).zip(&weights) {
+    for ((window, share), weight) in group.iter().zip(shares).zip(&weights) {
         // A weight above 1 would claim more information than the window has.
-        sum.add(&seen.joint, share * weight.min(1.0) / widened);
+        sum.add(&window.joint, share * weight.min(1.0) / widened);
     }
     sum
 }
@@ -109,22 +109,17 @@ pub(super) fn together(group: &[Seen<'_>], shares: &[f64], options: &FuseOptions
 /// Condenses several windows of one camera position to one. `None` without usable windows.
 #[must_use]
 pub fn condense(windows: &[WindowEstimate], options: &FuseOptions) -> Option<WindowEstimate> {
-    let usable: Vec<Seen<'_>> = windows.iter().filter_map(Seen::of).collect();
-    let first = usable.first()?.window;
+    let usable: Vec<&WindowEstimate> = windows.iter().filter(|window| is_usable(window)).collect();
+    let first = *usable.first()?;
     let joint = together(&usable, &shares(&usable, options), options);
-    // A very weak prior keeps the numbers finite where the windows have no information. The result's information
-    // excludes it.
-    let (prior, information) = prior(options);
-    let weak = information * 1e-6;
-    let camera = with_tilt(&(joint.information + weak).cholesky()?.solve(&(joint.vector + weak * prior)));
-    let mut cars: Vec<CarUse> = usable.iter().flat_map(|seen| seen.window.cars.iter().copied()).collect();
+    let mut cars: Vec<CarUse> = usable.iter().flat_map(|window| window.cars.iter().copied()).collect();
     cars.sort_by_key(|used| (used.car, !used.parked));
     cars.dedup_by_key(|used| used.car);
     Some(WindowEstimate {
         span_s: span_s(&usable),
-        frames: usable.iter().map(|seen| seen.window.frames).sum(),
-        params: CameraParams::from_vector(&camera),
-        joint: information_with_tilt(&joint, &camera),
+        frames: usable.iter().map(|window| window.frames).sum(),
+        params: CameraParams::from_vector(&mean(&joint.information, &joint.vector, options)?),
+        joint,
         cars,
         segment: first.segment,
         start: first.start,
@@ -132,9 +127,22 @@ pub fn condense(windows: &[WindowEstimate], options: &FuseOptions) -> Option<Win
     })
 }
 
+/// Returns the mean of evidence, which may be singular. `vector` is the information times the mean.
+///
+/// A very weak prior keeps the numbers finite where there is no information.
+pub(super) fn mean(
+    information: &Matrix4<f64>,
+    vector: &Vector4<f64>,
+    options: &FuseOptions,
+) -> Option<Vector4<f64>> {
+    let weak = Matrix4::from_diagonal(&options.prior.sd.map(|sd| 1e-6 / (sd * sd)));
+    let weighted = vector + weak * options.prior.params.to_vector();
+    Some((information + weak).cholesky()?.solve(&weighted))
+}
+
 /// Returns the first and last time of a group, s.
-pub(super) fn span_s(group: &[Seen<'_>]) -> [f64; 2] {
-    let spans = || group.iter().map(|seen| seen.window.span_s);
+pub(super) fn span_s(group: &[&WindowEstimate]) -> [f64; 2] {
+    let spans = || group.iter().map(|window| window.span_s);
     [
         spans().map(|[from, _]| from).fold(f64::INFINITY, f64::min),
         spans().map(|[_, to]| to).fold(f64::NEG_INFINITY, f64::max),
@@ -142,7 +150,7 @@ pub(super) fn span_s(group: &[Seen<'_>]) -> [f64; 2] {
 }
 
 /// Returns the mean of the windows' middle times, s.
-pub(super) fn middle_s(group: &[Seen<'_>]) -> f64 {
-    let sum: f64 = group.iter().map(|seen| seen.window.span_s[0] + seen.window.span_s[1]).sum();
+pub(super) fn middle_s(group: &[&WindowEstimate]) -> f64 {
+    let sum: f64 = group.iter().map(|window| window.span_s[0] + window.span_s[1]).sum();
     sum / (2 * group.len().max(1)) as f64
 }
