@@ -14,8 +14,7 @@
 //!
 //! # Contents
 //! - the camera: [`Camera`], [`Lens`], [`GroundPlane`], [`CameraParams`], and its prior ([`CameraPrior`])
-//! - evidence on the camera: cost terms that do not come from cars ([`Factor`]), and the information from cars, which
-//!   can be summed over frames ([`JointInformation`])
+//! - evidence on the camera: the information from cars, which can be summed over frames ([`JointInformation`])
 //! - cars: [`ShapeAtlas`], [`GroundPose`], the 36 keypoints ([`KeypointSet`]), boxes (`bbox_…`), [`Activity`]
 //! - records that stages exchange and files store: `records/`, [`CameraEvidence`], [`SceneLine`]
 //! - small tools: [`assign`], [`median`], [`StudentT`], [`Similarity`], [`Homography`]
