@@ -2,8 +2,9 @@
 //!
 //! The unknowns are (log f, tilt, roll, log h) of each camera position, and the size of the place's cars. The evidence is
 //!
-//! - the cars of each window: a Gaussian of (log f, horizon, roll, log h) from their keypoints, with its dependence on the
-//!   errors that all cars of the place share;
+//! - the cars: each window gives a Gaussian of (log f, tilt, roll, log h) from their keypoints, with its dependence on
+//!   the errors that all cars of the place share; the mean of the windows of a position counts as a Gaussian of (log f,
+//!   horizon, roll, log h);
 //! - [`Factor`]s: user constraints, verticals, turns; a factor counts once at its camera position;
 //! - the transitions between camera positions, and the camera's prior.
 //!

@@ -29,7 +29,6 @@ mod cues;
 mod evidence;
 mod factors;
 mod fuse;
-mod ground;
 mod lens;
 mod linker;
 mod moves;

@@ -1,10 +1,9 @@
 //! A known distance between two pixels on the ground.
 
-use nalgebra::{DMatrix, DVector, Vector2, Vector4};
-use roadplane_base::CameraParams;
+use nalgebra::{DMatrix, DVector, Vector2, Vector3, Vector4};
+use roadplane_base::{Camera, CameraParams};
 
 use super::Component;
-use crate::ground::ground;
 
 /// A known distance between two pixels on the ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,4 +49,15 @@ impl Length {
         let (_, log_sd) = self.measured(camera)?;
         Some(vec![Component { share: 1.0, information: DMatrix::from_element(1, 1, log_sd.powi(-2)) }])
     }
+}
+
+/// Returns the point at which the viewing ray of a pixel meets the ground, in the camera frame, m.
+///
+/// The pixel is undistorted and relative to the principal point. Returns `None` if it lies at or above the horizon.
+fn ground(params: &CameraParams, pixel: &Vector2<f64>) -> Option<Vector3<f64>> {
+    let plane = params.plane();
+    let camera = Camera::pinhole(params.focal_px(), Vector2::zeros());
+    let ray = camera.ray_from_pixel(pixel);
+    let falling = -plane.normal_in_camera.dot(&ray);
+    (falling > 1e-6).then(|| ray * (plane.height_m / falling))
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix4, Vector4};
 
-use crate::factors::{Factor, Residual};
+use crate::factors::{Component, Factor, Residual};
 
 /// Evidence on four numbers as a Gaussian `N(information⁻¹ · weighted, information⁻¹)`; it may be singular.
 #[derive(Clone, Copy, Debug)]
@@ -56,8 +56,7 @@ impl Evidence {
             Vec::with_capacity(residual.components.len());
         for component in &residual.components {
             let covariance = component.information.clone().try_inverse()? + by * spread * by.transpose();
-            let predicted =
-                crate::factors::Component { information: covariance.try_inverse()?, ..component.clone() };
+            let predicted = Component { share: component.share, information: covariance.try_inverse()? };
             let gain = -spread * by.transpose() * &predicted.information;
             posteriors.push((
                 predicted.density(&surprise),

@@ -35,14 +35,15 @@ pub(crate) fn optics_of(
     config: &Config,
 ) -> Result<Optics, PipelineError> {
     let optics = Optics::of(frames, known, recall, config)?;
-    let Some(lens) = optics.lens.as_ref().filter(|lens| lens.is_of_edges()) else { return Ok(optics) };
+    // With a given focal length, the edges were already tested with it.
+    let is_open = |lens: &&LensOfClip| lens.is_of_edges() && known.focal_px().is_none();
+    let Some(lens) = optics.lens.as_ref().filter(is_open) else { return Ok(optics) };
     let first = within(FrameReader::open(frames)?, config.calibrate.window_s);
     let first = optics.convert(first.map(|frame| frame.map_err(PipelineError::from)));
     let (known, _) = known.with_frames(&BTreeMap::new());
     let cameras = estimate_cameras(first, &optics, atlas, &known, None, config)?;
     let Some(camera) = cameras.estimates().first() else { return Ok(optics) };
-    let log_focal = [camera.params.log_focal, camera.covariance[(0, 0)].max(0.0).sqrt()];
-    if lens.suits(log_focal) {
+    if lens.suits(camera) {
         return Ok(optics);
     }
     tracing::info!("the lens distortion is dropped: no lens of the estimated focal length has it");

@@ -1,8 +1,8 @@
 //! The lens of a clip: given by the user, stored, or estimated from long edges of the site and from turns of the camera;
 //! otherwise without distortion.
 
-use roadplane_base::{Camera, ImageSize, Lens, SceneCurve};
-use roadplane_calibrate::{FuseOptions, LensView, LogFocal, TurnedLens, WindowEstimate, fuse};
+use roadplane_base::{Camera, CameraEstimate, ImageSize, Lens, SceneCurve};
+use roadplane_calibrate::{FuseOptions, LensFound, LensView, LogFocal, TurnedLens, WindowEstimate, fuse};
 
 use crate::cameras::memory::CameraHistory;
 use crate::{CameraConstraints, Config};
@@ -21,8 +21,9 @@ pub(crate) struct LensOfClip {
     is_of_edges: bool,
     /// Mean and sd of the distortion without the edges (dimensionless).
     turned: [f64; 2],
-    /// Likelihood of the distortion given the edges and turns; used where nothing else determines the lens.
-    view: Option<LensView>,
+    /// Likelihood of the distortion given the edges alone, and given edges and turns. `None` where the user or the
+    /// configuration determines the lens.
+    views: Option<[LensView; 2]>,
     /// Size of the pictures.
     size: ImageSize,
 }
@@ -42,7 +43,7 @@ impl LensOfClip {
             bend_sd: None,
             is_of_edges: false,
             turned: [0.0; 2],
-            view: None,
+            views: None,
             size,
         };
         if let Some(lens) = known.lens(size) {
@@ -52,13 +53,13 @@ impl LensOfClip {
         if !config.solve.use_lens {
             return straight;
         }
-        // Where edges and turns contradict each other, the clip has the lens that it has at rest.
         let edges = LensView::of(curves, None, size);
-        let view = turned.map_or_else(|| edges.clone(), |turned| LensView::of(curves, Some(turned), size));
+        let both = turned.map_or_else(|| edges.clone(), |turned| LensView::of(curves, Some(turned), size));
+        let views = [edges, both];
         let prior = config.solve.scene_options(known.focal_px()).camera_prior;
         let log_focal =
             known.focal_px().map_or([prior.mean(size).log_focal, prior.log_focal_sd], |f| [f.ln(), 0.0]);
-        let here = edges.found(log_focal).or_else(|| view.found(log_focal)).map(|found| {
+        let here = found(&views, log_focal).map(|found| {
             tracing::info!(
                 "the lens distortion is {:.3} ± {:.3} at the picture's side",
                 found.lens.distortion(size),
@@ -75,18 +76,18 @@ impl LensOfClip {
         match all.reduce(|a, b| if b.1 < a.1 { b } else { a }) {
             Some((lens, sd)) => {
                 let is_of_edges = here == Some((lens, sd));
-                Self { lens, bend_sd: Some(sd), is_of_edges, turned, view: Some(view), size }
+                Self { lens, bend_sd: Some(sd), is_of_edges, turned, views: Some(views), size }
             }
-            None => Self { turned, view: Some(view), ..straight },
+            None => Self { turned, views: Some(views), ..straight },
         }
     }
 
-    /// Whether the edges still show a lens if the focal length is estimated.
+    /// Whether the edges and turns still show a lens with the focal length of an estimated camera.
     ///
     /// Edges alone may look like those of a wide-angle lens, for example on a curved road. The cars then show that the
     /// view is too narrow for such a distortion.
-    pub(crate) fn suits(&self, log_focal: LogFocal) -> bool {
-        self.view.as_ref().is_none_or(|view| view.found(log_focal).is_some())
+    pub(crate) fn suits(&self, camera: &CameraEstimate) -> bool {
+        self.views.as_ref().is_none_or(|views| found(views, log_focal_of(camera)).is_some())
     }
 
     /// Returns the same edges and turns without a lens.
@@ -120,14 +121,25 @@ impl LensOfClip {
     pub(crate) fn count(&self, windows: &[WindowEstimate], options: FuseOptions) -> FuseOptions {
         let mut options = FuseOptions { lens: self.lens, bend_sd: self.bend_sd, ..options };
         let rough = fuse(windows, &options.for_cars()).into_iter().next();
-        let log_focal = rough.map_or([options.prior.params.log_focal, options.prior.sd[0]], |camera| {
-            [camera.params.log_focal, camera.covariance[(0, 0)].max(0.0).sqrt()]
-        });
-        let silent = || self.view.as_ref().map_or(0.0, |view| view.sd_about(self.lens, log_focal));
+        let log_focal = rough
+            .map_or([options.prior.params.log_focal, options.prior.sd[0]], |camera| log_focal_of(&camera));
+        let silent = || self.views.as_ref().map_or(0.0, |[_, both]| both.sd_about(self.lens, log_focal));
         let bend_sd = self.bend_sd.unwrap_or_else(silent);
         let point_sd_px = Camera::PRINCIPAL_POINT_SD * f64::from(self.size.width);
         options.shared_sd[2] = Lens::with_distortion(bend_sd, self.size).per_px2;
         options.shared_sd[3..].fill(point_sd_px);
         options
     }
+}
+
+/// Returns the lens that the edges show or, if they show none, that edges and turns show together.
+///
+/// Where edges and turns contradict each other, the clip so has the lens that it has at rest.
+fn found([edges, both]: &[LensView; 2], log_focal: LogFocal) -> Option<LensFound> {
+    edges.found(log_focal).or_else(|| both.found(log_focal))
+}
+
+/// Returns the log focal length (px) of a camera, and its sd.
+fn log_focal_of(camera: &CameraEstimate) -> LogFocal {
+    [camera.params.log_focal, camera.covariance[(0, 0)].max(0.0).sqrt()]
 }
