@@ -29,6 +29,7 @@ mod edges;
 mod level;
 mod lines;
 mod panorama;
+mod position;
 mod reference;
 mod registration;
 mod search;

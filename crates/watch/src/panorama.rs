@@ -56,6 +56,15 @@ struct Keyframe {
     last: (PictureMotion, u64),
 }
 
+/// Where a picture lies in a place.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Pose {
+    /// Index of the frame of the keyframe on which the picture was registered.
+    keyframe: u64,
+    /// Mapping between undistorted pixels from the keyframe to the picture, px of the reduced picture from its middle.
+    picture_from_keyframe: Homography,
+}
+
 /// The keyframes of a place, and the position of the last picture on them.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Panorama {
@@ -140,6 +149,24 @@ impl Panorama {
         out
     }
 
+    /// Returns the pose of the last picture; `None` if it lies on no keyframe.
+    pub(crate) fn pose(&self) -> Option<Pose> {
+        let current = self.keyframes.last().filter(|current| current.last.1 == self.pictures)?;
+        Some(Pose { keyframe: current.frame, picture_from_keyframe: current.last.0.homography })
+    }
+
+    /// Returns the motion of the undistorted picture from one pose to another, px of the reduced picture from its middle.
+    /// `None` if nothing links the two, or if one of their keyframes was dropped.
+    pub(crate) fn between(&self, from: &Pose, to: &Pose) -> Option<Homography> {
+        if from.keyframe == to.keyframe {
+            return Some(from.picture_from_keyframe.inverse().then(&to.picture_from_keyframe));
+        }
+        let keyframe = |pose: &Pose| self.keyframes.iter().find(|keyframe| keyframe.frame == pose.keyframe);
+        let (a, b) = (keyframe(from)?, keyframe(to)?);
+        let pose = |keyframe: &Keyframe, of: &Pose| keyframe.from_chain.then(&of.picture_from_keyframe);
+        (a.chain == b.chain).then(|| pose(a, from).inverse().then(&pose(b, to)))
+    }
+
     /// Registers a picture on the current keyframe. Also returns whether its chain is new, while others exist.
     fn follow(&mut self, stamp: FrameStamp, picture: &Prepared) -> Option<(Fit, bool)> {
         let is_young =
@@ -160,7 +187,7 @@ impl Panorama {
         if displaced < FOLLOWED_SHIFT * size.0 as f64 {
             let [fine, coarse] =
                 laid.as_ref().map_or([picture.fine(), picture.coarse()], |laid| laid.each_ref());
-            current.reference.follow_laid([fine, coarse], &shifts, stamp.time_s());
+            current.reference.follow([fine, coarse], &shifts, stamp.time_s());
         }
         self.step = Some(last.homography.inverse().then(&mapping.homography));
         current.last = (mapping, self.pictures);

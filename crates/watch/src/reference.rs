@@ -1,4 +1,4 @@
-//! The background of a camera at rest, at two sizes. The half-size copy can measure shifts twice as large as the
+//! A picture of the place, at two sizes. The half-size copy can measure shifts twice as large as the
 //! full-size copy can. The full-size copy then refines these shifts.
 
 use crate::SmallGrey;
@@ -40,7 +40,7 @@ pub(crate) struct BlockShifts {
     pub coarse: Vec<BlockShift>,
 }
 
-/// The background of a camera at rest, at two sizes.
+/// A picture of the place, at two sizes. It adapts to later pictures.
 #[derive(Clone, Debug)]
 pub(crate) struct Reference {
     fine: Level,
@@ -75,14 +75,8 @@ impl Reference {
 
     /// Adapts the background slightly to a picture that was laid on it, at both sizes. `shifts` was measured in this
     /// picture.
-    pub(crate) fn follow_laid(&mut self, [fine, coarse]: [&Smoothed; 2], shifts: &BlockShifts, time_s: f64) {
+    pub(crate) fn follow(&mut self, [fine, coarse]: [&Smoothed; 2], shifts: &BlockShifts, time_s: f64) {
         self.fine.follow(fine, &shifts.fine, time_s);
         self.coarse.follow(coarse, &shifts.coarse, time_s);
-    }
-
-    /// Adapts the background slightly to a picture of the camera at rest. `shifts` is the result of [`Self::measured`]
-    /// for this picture.
-    pub(crate) fn follow(&mut self, picture: &Prepared, shifts: &BlockShifts, time_s: f64) {
-        self.follow_laid([&picture.fine, &picture.coarse], shifts, time_s);
     }
 }
