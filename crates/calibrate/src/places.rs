@@ -217,11 +217,8 @@ pub struct Places {
 impl Places {
     /// Returns the place that a registered picture shows, and the mapping from its world picture to the picture; `None`
     /// if the reference shows no place for long enough.
-    pub(crate) fn position(
-        &self,
-        registration: &Registration,
-        size: ImageSize,
-    ) -> Option<(usize, PictureMotion)> {
+    #[must_use]
+    pub fn position(&self, registration: &Registration, size: ImageSize) -> Option<(usize, PictureMotion)> {
         let placed = self.references.get(&registration.reference)?;
         let picture_from_reference = registration.homography_for(self.lens.distortion(size));
         let homography = placed.reference_from_world.then(&picture_from_reference);

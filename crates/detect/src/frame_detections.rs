@@ -1,7 +1,7 @@
 //! Collects the detections of one frame from all parts of the picture on which the net ran.
 
 use roadplane_base::{CarRecord, WeakBox, bbox_centre, bbox_share_inside};
-use roadplane_watch::Cells;
+use roadplane_watch::{Cells, View};
 
 use crate::DetectOptions;
 use crate::detector::{Detections, record};
@@ -11,10 +11,11 @@ const WHOLE: f64 = 0.9;
 /// If a larger share than this of a low-score box lies inside a vehicle's box, the low-score box shows this vehicle.
 const MOSTLY: f64 = 0.5;
 
-/// The detections of one frame. Boxes are in px of the frame.
+/// The detections of one frame. Boxes are in px of the frame, and cells belong to the keyframe of `view`.
 #[derive(Debug)]
 pub(crate) struct FrameDetections {
     options: DetectOptions,
+    view: View,
     cores: Vec<[f64; 4]>,
     /// The cells that the inspected areas (`cores`) touch.
     pub inspected: Cells,
@@ -29,11 +30,12 @@ pub(crate) struct FrameDetections {
 }
 
 impl FrameDetections {
-    /// Creates an empty collection for a picture with the cells of `grid`.
-    pub(crate) fn new(options: &DetectOptions, grid: &Cells) -> Self {
+    /// Creates an empty collection for a picture. Its keyframe has the cells of `grid`.
+    pub(crate) fn new(options: &DetectOptions, view: View, grid: &Cells) -> Self {
         let (inspected, vehicles) = (grid.emptied(), grid.emptied());
         Self {
             options: options.clone(),
+            view,
             cores: Vec::new(),
             inspected,
             vehicles,
@@ -46,12 +48,12 @@ impl FrameDetections {
     /// Adds the detections in a part of the picture. Only the areas `cores` of this part count as inspected. The
     /// picture's width and height are in px.
     pub(crate) fn add(&mut self, detections: Detections, cores: Vec<[f64; 4]>, (width, height): (f64, f64)) {
-        cores.iter().for_each(|core| self.inspected.insert_box(core));
+        cores.iter().for_each(|core| self.inspected.insert_box(&self.view.in_keyframe(core)));
         self.cores.extend(cores);
         let min_score = self.options.min_score;
         self.cut.extend(detections.cut.iter().filter(|cut| cut.score >= min_score).map(|cut| cut.bbox));
         for one in detections.found {
-            self.vehicles.insert_box(&one.bbox);
+            self.vehicles.insert_box(&self.view.in_keyframe(&one.bbox));
             let Some(record) = record(one, width, height) else { continue };
             if one.score < min_score {
                 self.weak.push(WeakBox { bbox_px: record.bbox_px, score: record.score });

@@ -2,14 +2,12 @@
 //! covers the picture part by part and is repeated periodically.
 //!
 //! A vehicle that was stationary in several inference frames keeps its box. The net runs on it again only after a
-//! change in its position, or in the next full scan. All decisions depend only on the pictures, their times and their
+//! change in its position, or in the next full scan. If the camera moves, changes and boxes are those of the keyframe
+//! that the pictures show ([`View`]). All decisions depend only on the pictures, their times and their
 //! positions in the input.
 
-use nalgebra::Vector2;
-use roadplane_base::{
-    CarRecord, FrameStamp, PictureVerdict, WeakBox, bbox_around, bbox_centre, bbox_covered, bbox_moved,
-};
-use roadplane_watch::{Cells, ChangeMap, Observation};
+use roadplane_base::{CarRecord, FrameStamp, WeakBox, bbox_around, bbox_centre, bbox_covered};
+use roadplane_watch::{Cells, ChangeMap, Observation, View};
 
 use crate::frame_detections::{FrameDetections, weak_beside};
 use crate::regions::regions;
@@ -44,7 +42,7 @@ pub struct RoiDetections {
     pub changed: f64,
     /// Share of the picture that was inspected in this frame, 0–1.
     pub inspected: f64,
-    /// The cells with a change or a vehicle.
+    /// The cells of the keyframe with a change or a vehicle.
     pub busy: Cells,
 }
 
@@ -53,16 +51,17 @@ pub struct RoiDetections {
 pub struct RoiScheduler {
     /// Number of inference frames within which a full scan covers the picture.
     frames_per_scan: u64,
-    map: Option<ChangeMap>,
+    /// The keyframe to which changes and boxes belong, and its changes.
+    map: Option<(Option<u64>, ChangeMap)>,
     tracked: Vec<TrackedBox>,
-    /// Boxes of the last inference frame that were cut by a border of an inspected part.
+    /// Boxes of the last inference frame that were cut by a border of an inspected part, px of the keyframe.
     cut: Vec<[f64; 4]>,
     frames: u32,
     /// For each cell, the time until which a change in it is not inspected, s. The last change in the cell was no
     /// vehicle.
     idle_until: Vec<f64>,
-    /// Shift of the last inference frame by camera shake, px of the frame.
-    offset: Vector2<f64>,
+    /// How the last inference frame shows the keyframe. `None` if it does not.
+    view: Option<View>,
 }
 
 impl RoiScheduler {
@@ -76,18 +75,16 @@ impl RoiScheduler {
             cut: Vec::new(),
             frames: 0,
             idle_until: Vec::new(),
-            offset: Vector2::zeros(),
+            view: None,
         }
     }
 
     /// Returns the vehicles of a frame on which the net does not run. They are carried over from earlier frames.
     #[must_use]
     pub fn carried_over(&self) -> Vec<CarRecord> {
-        self.tracked
-            .iter()
-            .filter(|vehicle| vehicle.is_carried_over())
-            .map(|vehicle| carried_over_record(vehicle, &self.offset))
-            .collect()
+        let Some(view) = &self.view else { return Vec::new() };
+        let carried_over = self.tracked.iter().filter(|vehicle| vehicle.is_carried_over());
+        carried_over.map(|vehicle| carried_over_record(vehicle, view)).collect()
     }
 
     /// Detects the vehicles of an inference frame.
@@ -106,46 +103,57 @@ impl RoiScheduler {
         observation: &Observation,
     ) -> Result<RoiDetections, DetectError> {
         let time_s = stamp.time_s();
+        let grid = ChangeMap::new(&observation.small);
+        self.view = observation.view;
         if observation.record.verdict.is_blind() {
-            let busy = ChangeMap::new(&observation.small).all_cells();
             return Ok(RoiDetections {
                 cars: Vec::new(),
                 weak: Vec::new(),
                 changed: 1.0,
                 inspected: 0.0,
-                busy,
+                busy: grid.all_cells(),
             });
         }
-        // In a picture that is displaced, every cell changes. So the net runs on the whole picture.
-        if observation.is_new_position || is_moving(observation.record.verdict) {
-            self.tracked.clear();
-            self.frames = 0;
-        }
-        self.offset = observation.record.offset();
-        let offset = self.offset;
-        let fits = self.map.as_ref().is_some_and(|map| map.suits(&observation.small));
-        let mut map = self.map.take().filter(|_| fits).unwrap_or_else(|| ChangeMap::new(&observation.small));
-        let changed = map.changed(&observation.small, observation.shift, time_s);
+        let Some(view) = observation.view else {
+            // The camera moves too fast, or something is in front of it. What is known of the keyframe stays as it is.
+            let (own, all) = (View::at_rest(image), grid.all_cells());
+            let FrameDetections { found, weak, .. } = inspected(detector, image, own, &all, &[whole(image)])?;
+            let weak = weak_beside(&weak, &found, detector.options());
+            return Ok(RoiDetections { cars: found, weak, changed: 1.0, inspected: 1.0, busy: all });
+        };
+        let known = self.map.take();
+        let known =
+            known.filter(|(keyframe, map)| *keyframe == view.keyframe && map.suits(&observation.small));
+        let mut map = match known {
+            Some((_, map)) => map,
+            None => {
+                self.tracked.clear();
+                (self.frames, self.cut) = (0, Vec::new());
+                self.idle_until.clear();
+                grid
+            }
+        };
+        let changed = map.changed(&observation.small, &view, time_s);
         self.idle_until.resize(changed.columns * changed.rows, 0.0);
         self.frames = self.frames.saturating_add(1);
 
-        let detections = self.run(detector, number, time_s, image, &changed)?;
-        let mut at_rest: Vec<CarRecord> = detections.found.iter().map(|car| moved(car, &-offset)).collect();
-        let unchanged = |bbox: &[f64; 4]| changed.share_of(&bbox_moved(bbox, &offset)) <= 0.0;
+        let detections = self.run(detector, number, time_s, image, &view, &changed)?;
+        let mut on_keyframe: Vec<CarRecord> =
+            detections.found.iter().map(|car| with_box(car, view.in_keyframe(&car.bbox_px))).collect();
         update(
             &mut self.tracked,
-            &mut at_rest,
+            &mut on_keyframe,
             stamp.index,
             time_s,
-            |bbox| detections.cover(bbox),
-            unchanged,
+            |bbox| detections.cover(&view.in_picture(bbox)),
+            |bbox| changed.share_of(bbox) <= 0.0,
         );
         let FrameDetections { inspected, mut vehicles, weak, .. } = detections;
         for vehicle in &self.tracked {
             vehicles.insert_box(&vehicle.inspection_box(time_s));
         }
-        map.mark_inspected(&observation.small, observation.shift, &inspected, &vehicles);
-        self.map = Some(map);
+        map.mark_inspected(&inspected, &vehicles);
+        self.map = Some((view.keyframe, map));
         let is_idle =
             |(column, row): &(usize, usize)| inspected.has(*column, *row) && !vehicles.has(*column, *row);
         for (column, row) in changed.iter().filter(is_idle) {
@@ -154,9 +162,10 @@ impl RoiScheduler {
             }
         }
 
-        let mut cars: Vec<CarRecord> = at_rest.iter().map(|car| moved(car, &offset)).collect();
+        let mut cars: Vec<CarRecord> =
+            on_keyframe.iter().map(|car| with_box(car, view.in_picture(&car.bbox_px))).collect();
         for vehicle in self.tracked.iter().filter(|v| v.is_carried_over() && v.seen_frame != stamp.index) {
-            let record = carried_over_record(vehicle, &offset);
+            let record = carried_over_record(vehicle, &view);
             // A detection replaces a carried-over vehicle in the same position.
             if !cars.iter().any(|car| detector.options().are_one(&car.bbox_px, &record.bbox_px)) {
                 cars.push(record);
@@ -175,21 +184,19 @@ impl RoiScheduler {
         number: u64,
         time_s: f64,
         image: &image::RgbImage,
+        view: &View,
         changed: &Cells,
     ) -> Result<FrameDetections, DetectError> {
-        let whole = Part::whole(image);
-        let (width, height) = (whole.width as f64, whole.height as f64);
-        let scales = detector.options().scales(image.width(), image.height());
         let areas = if self.frames <= FIRST_FULL_FRAMES {
-            vec![[0.0, 0.0, width, height]]
+            vec![whole(image)]
         } else {
+            let scales = detector.options().scales(image.width(), image.height());
             let finest = scales.last().copied().unwrap_or(1.0);
-            self.due_areas(changed, time_s, scan_part(number, self.frames_per_scan, width, height, finest))
+            let [_, _, width, height] = whole(image);
+            let scan = scan_part(number, self.frames_per_scan, width, height, finest);
+            self.due_areas(changed, time_s, view, scan)
         };
-        let mut detections = FrameDetections::new(detector.options(), changed);
-        for region in regions(&areas, whole, &scales) {
-            detections.add(detector.inspect(image, region.part, WEAK_SCORE)?, region.cores, (width, height));
-        }
+        let detections = inspected(detector, image, *view, changed, &areas)?;
         // A cut box is inspected as a whole in the next inference frame. The exception is a box that shows a
         // carried-over vehicle beside the inspected area.
         let is_carried_over = |bbox: &[f64; 4]| {
@@ -197,12 +204,14 @@ impl RoiScheduler {
                 vehicle.is_carried_over() && bbox_covered(&vehicle.bbox_px, bbox) > SAME_VEHICLE
             })
         };
-        self.cut = detections.cut.iter().filter(|cut| !is_carried_over(cut)).copied().collect();
+        let cut = detections.cut.iter().map(|cut| view.in_keyframe(cut));
+        self.cut = cut.filter(|cut| !is_carried_over(cut)).collect();
         Ok(detections)
     }
 
-    /// Returns the areas that are due for inspection, as boxes in px of the frame.
-    fn due_areas(&self, changed: &Cells, time_s: f64, scan: Option<[f64; 4]>) -> Vec<[f64; 4]> {
+    /// Returns the areas that are due for inspection, as boxes in px of the frame. `scan` is the part of the full scan that
+    /// is due.
+    fn due_areas(&self, changed: &Cells, time_s: f64, view: &View, scan: Option<[f64; 4]>) -> Vec<[f64; 4]> {
         let mut due = changed.emptied();
         for (column, row) in changed.iter() {
             // A change at the picture's border may be the front of a vehicle that is just entering.
@@ -211,7 +220,6 @@ impl RoiScheduler {
                 due.insert(column, row);
             }
         }
-        let in_frame = |bbox: [f64; 4]| bbox_moved(&bbox, &self.offset);
         let (late, early): (Vec<&TrackedBox>, Vec<&TrackedBox>) = self
             .tracked
             .iter()
@@ -220,25 +228,25 @@ impl RoiScheduler {
         // Changes inside the box of a moving vehicle are caused by this vehicle. They are not inspected before the
         // vehicle is due.
         for vehicle in early {
-            due.remove_box(&in_frame(vehicle.inspection_box(time_s)));
+            due.remove_box(&vehicle.inspection_box(time_s));
         }
         for vehicle in late {
-            due.insert_box(&in_frame(vehicle.inspection_box(time_s)));
+            due.insert_box(&vehicle.inspection_box(time_s));
         }
         for bbox in &self.cut {
             due.insert_box(bbox);
         }
         // A stationary vehicle with many changed cells is inspected as a whole.
         for vehicle in self.tracked.iter().filter(|vehicle| vehicle.is_settled()) {
-            let bbox = in_frame(vehicle.bbox_px);
-            if due.share_of(&bbox) >= CHANGED_SHARE {
-                due.insert_box(&bbox);
+            if due.share_of(&vehicle.bbox_px) >= CHANGED_SHARE {
+                due.insert_box(&vehicle.bbox_px);
             }
         }
-        let mut areas = due.groups();
+        let mut areas: Vec<[f64; 4]> = due.groups().iter().map(|area| view.in_picture(area)).collect();
+        areas.extend(view.new_parts(changed.side_px as f64));
         if let Some(mut core) = scan {
             for vehicle in &self.tracked {
-                let area = in_frame(vehicle.inspection_box(time_s));
+                let area = view.in_picture(&vehicle.inspection_box(time_s));
                 let centre = bbox_centre(&area);
                 if (core[0]..core[2]).contains(&centre.x) && (core[1]..core[3]).contains(&centre.y) {
                     core = bbox_around(&core, &area);
@@ -250,9 +258,26 @@ impl RoiScheduler {
     }
 }
 
-/// Whether earlier boxes may be displaced in the picture.
-fn is_moving(verdict: PictureVerdict) -> bool {
-    matches!(verdict, PictureVerdict::Moving | PictureVerdict::Unsettled)
+/// Returns the whole picture as a box, px.
+fn whole(image: &image::RgbImage) -> [f64; 4] {
+    [0.0, 0.0, f64::from(image.width()), f64::from(image.height())]
+}
+
+/// Runs the net on these areas of a picture, px.
+fn inspected(
+    detector: &mut Detector,
+    image: &image::RgbImage,
+    view: View,
+    grid: &Cells,
+    areas: &[[f64; 4]],
+) -> Result<FrameDetections, DetectError> {
+    let [_, _, width, height] = whole(image);
+    let scales = detector.options().scales(image.width(), image.height());
+    let mut detections = FrameDetections::new(detector.options(), view, grid);
+    for region in regions(areas, Part::whole(image), &scales) {
+        detections.add(detector.inspect(image, region.part, WEAK_SCORE)?, region.cores, (width, height));
+    }
+    Ok(detections)
 }
 
 /// Returns the part of the full scan that is due in this inference frame, or `None` if no part is due. The parts are
@@ -272,19 +297,18 @@ fn scan_part(number: u64, frames_per_scan: u64, width: f64, height: f64, finest:
     Some([x, y, x + w, y + h])
 }
 
-fn moved(car: &CarRecord, by: &Vector2<f64>) -> CarRecord {
-    let bbox_px = bbox_moved(&car.bbox_px, by).map(|v| (v * 100.0).round() / 100.0);
-    CarRecord { bbox_px, ..car.clone() }
+fn with_box(car: &CarRecord, bbox_px: [f64; 4]) -> CarRecord {
+    CarRecord { bbox_px: bbox_px.map(|v| (v * 100.0).round() / 100.0), ..car.clone() }
 }
 
-fn carried_over_record(vehicle: &TrackedBox, offset: &Vector2<f64>) -> CarRecord {
+fn carried_over_record(vehicle: &TrackedBox, view: &View) -> CarRecord {
     let car = CarRecord {
         score: vehicle.score,
         class: vehicle.class(),
         held_since: Some(vehicle.seen_frame),
         ..CarRecord::boxed(vehicle.bbox_px)
     };
-    moved(&car, offset)
+    with_box(&car, view.in_picture(&vehicle.bbox_px))
 }
 
 #[cfg(test)]

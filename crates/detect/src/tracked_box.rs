@@ -37,7 +37,7 @@ const MIN_OVERLAP: f64 = 0.2;
 /// Margin around a vehicle's box that is inspected with the box, as a share of the box's sides.
 const AROUND: f64 = 0.15;
 
-/// A vehicle that was detected before. Its boxes are in px of the frame at rest (without camera shake).
+/// A vehicle that was detected before. Its boxes are in px of the keyframe that the pictures show.
 #[derive(Clone, Debug)]
 pub(crate) struct TrackedBox {
     pub bbox_px: [f64; 4],

@@ -3,6 +3,7 @@
 //! The result is one estimate per interval with a constant camera.
 
 pub(crate) mod camera_track;
+pub(crate) mod empty_scene_view;
 pub(crate) mod estimate;
 pub(crate) mod frame;
 pub(crate) mod joining;

@@ -3,13 +3,16 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use roadplane_base::{CameraEstimate, CameraStatus, CarRef, PoseRecord, Shape, ShapeAtlas, TrackRow};
+use roadplane_base::{
+    CameraEstimate, CameraStatus, CarRef, PoseRecord, Registration, Shape, ShapeAtlas, TrackRow,
+};
 use roadplane_geo::{NotPlaced, Place, Site};
 use roadplane_measure::any_car;
 use roadplane_track::{Evidence, Join, Track};
 use roadplane_write::{FrameReader, PoseLines, RunStatus, read_jsonl};
 
 use crate::cameras::camera_track::CameraTrack;
+use crate::cameras::empty_scene_view::EmptySceneView;
 use crate::cameras::estimate::{estimate_cameras, optics_of};
 use crate::cameras::known::{contradiction, in_first_picture};
 use crate::cameras::memory::CameraHistory;
@@ -50,6 +53,8 @@ pub struct ClipSolution {
     pub not_followed: NotFollowed,
     /// Motion of the camera.
     pub views: Views,
+    /// View of the picture of the empty scene; `None` if it does not show the last position of the camera.
+    pub(crate) empty_scene: Option<EmptySceneView>,
     /// Warnings about the result, for the user.
     pub warnings: Vec<String>,
 }
@@ -143,6 +148,8 @@ pub(crate) struct Given<'a> {
     pub history: Option<&'a CameraHistory>,
     /// The camera's position on the map, as given by the user.
     pub site: Option<&'a Site>,
+    /// How the picture of the empty scene lies on the picture of an earlier frame.
+    pub empty_scene: Option<&'a Registration>,
     /// Approximate upper limit on the number of track rows in a time chunk.
     pub most_rows: u64,
 }
@@ -150,7 +157,7 @@ pub(crate) struct Given<'a> {
 impl<'a> Given<'a> {
     /// Returns inputs that have only user constraints.
     pub(crate) fn new(constraints: &'a CameraConstraints) -> Self {
-        Self { constraints, history: None, site: None, most_rows: MOST_ROWS }
+        Self { constraints, history: None, site: None, empty_scene: None, most_rows: MOST_ROWS }
     }
 }
 
@@ -184,6 +191,10 @@ pub(crate) fn solve_constrained_clip(
     });
     let mut cameras = estimate_cameras(counted, &optics, atlas, &constraints, history, config)?;
     let mut warnings = warnings_of(&cameras);
+    let size = cameras.estimates().first().map(|first| first.image_size_px);
+    let empty_scene = size.and_then(|size| {
+        EmptySceneView::of(given.empty_scene, &optics.places, cameras.last_position(), size)
+    });
     let placed = site.as_ref().map(|site| cameras.put_on_map(site)).transpose();
     if let Err(why) = &placed {
         warnings.push(format!("the camera is not put on the map: {why}"));
@@ -277,6 +288,7 @@ pub(crate) fn solve_constrained_clip(
         tally,
         not_followed,
         views: motion,
+        empty_scene,
         warnings,
     })
 }

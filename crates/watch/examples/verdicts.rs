@@ -20,12 +20,18 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         let started = std::time::Instant::now();
         let seen = watcher.observe(frame.stamp, &frame.image)?;
         let map = map.get_or_insert_with(|| ChangeMap::new(&seen.small));
-        let changed = map.changed(&seen.small, seen.shift, frame.stamp.time_s());
-        map.mark_inspected(&seen.small, seen.shift, &changed, &changed);
+        let changed = match &seen.view {
+            Some(view) => {
+                let changed = map.changed(&seen.small, view, frame.stamp.time_s());
+                map.mark_inspected(&changed, &changed);
+                changed
+            }
+            None => map.all_cells(),
+        };
         busy_s += started.elapsed().as_secs_f64();
         shares.push(changed.share());
-        furthest = furthest.max(seen.shift.norm() * seen.small.factor as f64);
         let record = &seen.record;
+        furthest = furthest.max(record.offset().norm());
         if last != Some(record.verdict) || record.moved.is_some() {
             println!(
                 "frame {} {:.2} s: {:?} {:?}",

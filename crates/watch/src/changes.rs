@@ -1,14 +1,14 @@
 //! Finds the cells (squares of the picture) that changed since the vehicle detector last inspected them.
 //!
-//! Each picture is compared cell by cell with the content that the detector inspected last. Every cell has its own
+//! Each picture is compared cell by cell with the content that the detector inspected last. If the camera moves, the
+//! picture is first laid on a keyframe ([`View`]), to which the cells belong. Every cell has its own
 //! threshold for a change. The threshold rises with the noise between consecutive pictures. It also rises after a
 //! change that was no vehicle, such as leaves in the wind, codec key frames, rain or glare of headlights. Both effects
 //! fade within a minute.
 
-use nalgebra::Vector2;
 use roadplane_base::upper_median;
 
-use crate::SmallGrey;
+use crate::{SmallGrey, View};
 
 /// Side of a square cell, px of the reduced picture.
 pub const CELL_PX: usize = 8;
@@ -38,10 +38,7 @@ const ABOVE: f32 = 1.25;
 const MOST_NUISANCE: f32 = 12.0;
 /// Time constant with which a cell's nuisance level (see [`LEARN`]) decays, s.
 const FADE_S: f64 = 15.0;
-/// Smallest camera shake that is compensated, px of the reduced picture.
-const STILL: f64 = 0.04;
-
-/// A set of cells in a grid over the picture.
+/// A set of cells in a grid over the picture, or over a keyframe.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cells {
     /// Number of cells in a row.
@@ -94,6 +91,13 @@ impl Cells {
             first..(cell(to) + 1).clamp(first, count)
         };
         (span(bbox_px[0], bbox_px[2], self.columns), span(bbox_px[1], bbox_px[3], self.rows))
+    }
+
+    /// Returns a cell as a box, px of the frame.
+    #[must_use]
+    pub fn cell_px(&self, column: usize, row: usize) -> [f64; 4] {
+        let [x, y] = [column, row].map(|at| (at * self.side_px) as f64);
+        [x, y, x + self.side_px as f64, y + self.side_px as f64]
     }
 
     /// Iterates over the column and the row of every cell in the set, row by row.
@@ -179,12 +183,12 @@ pub struct ChangeMap {
     columns: usize,
     rows: usize,
     factor: usize,
-    /// The previous picture.
+    /// The last picture, as it lies on the keyframe.
+    laid: SmallGrey,
+    /// The content of each cell in the last picture but one that showed the whole cell.
     before: SmallGrey,
     /// The content of each cell at the detector's last inspection. Different cells may come from different pictures.
     inspected: SmallGrey,
-    /// Camera shake at the last inspection of each cell: the picture's shift, px of the reduced picture.
-    inspected_shift: Vec<Vector2<f64>>,
     /// Mean difference between each cell of the current picture and its inspected content, grey levels.
     change: Vec<f32>,
     noise: Vec<f32>,
@@ -211,9 +215,9 @@ impl ChangeMap {
             columns,
             rows,
             factor: small.factor,
+            laid: small.clone(),
             before: small.clone(),
             inspected: small.clone(),
-            inspected_shift: vec![Vector2::zeros(); cells],
             change: vec![0.0; cells],
             noise: vec![FIRST_NOISE; cells],
             scatter: scatter.collect(),
@@ -243,15 +247,16 @@ impl ChangeMap {
         cells
     }
 
-    /// Returns the cells of the next picture that changed since their last inspection.
-    ///
-    /// `shift` is the shift of the picture against the background, px of the reduced picture.
-    pub fn changed(&mut self, small: &SmallGrey, shift: Vector2<f64>, time_s: f64) -> Cells {
+    /// Returns the cells of the keyframe that changed since their last inspection. `view` is how the next picture shows the
+    /// keyframe. What the picture does not show has not changed.
+    pub fn changed(&mut self, small: &SmallGrey, view: &View, time_s: f64) -> Cells {
         self.pictures = self.pictures.saturating_add(1);
         let fade = self.last_s.map_or(1.0, |last| (-(time_s - last).max(0.0) / FADE_S).exp()) as f32;
         self.last_s = Some(time_s);
-        self.learn_noise(small);
-        self.compare(small, shift);
+        self.laid = view.laid(small, &self.inspected);
+        self.learn_noise(view);
+        let (seen, now) = (&self.inspected.values, &self.laid.values);
+        self.change = cell_means(seen, now, small.width, self.columns, self.rows);
         let most = MOST_NOISE * upper_median(&mut self.noise.clone(), f32::total_cmp).unwrap_or(0.0);
         let mut cells = self.no_cells();
         for cell in 0..self.change.len() {
@@ -263,78 +268,44 @@ impl ChangeMap {
         cells
     }
 
-    /// Marks the cells of `region` as inspected in this picture.
+    /// Marks the cells of `region` as inspected in the last picture.
     ///
     /// `vehicles` are the cells under the detected boxes, including boxes with low scores. A change in an inspected
     /// cell outside `vehicles` was no vehicle, and it raises the cell's threshold.
-    pub fn mark_inspected(
-        &mut self,
-        small: &SmallGrey,
-        shift: Vector2<f64>,
-        region: &Cells,
-        vehicles: &Cells,
-    ) {
-        for row in 0..self.rows {
-            for column in 0..self.columns {
-                if !region.has(column, row) {
-                    continue;
-                }
-                let cell = row * self.columns + column;
-                let missing = ABOVE * self.change[cell] - self.nuisance[cell];
-                if !vehicles.has(column, row) && missing > 0.0 {
-                    self.nuisance[cell] = (self.nuisance[cell] + LEARN * missing).min(MOST_NUISANCE);
-                }
-                self.inspected_shift[cell] = shift;
-                for y in row * CELL_PX..((row + 1) * CELL_PX).min(small.height) {
-                    let from = y * small.width + column * CELL_PX;
-                    let to = y * small.width + ((column + 1) * CELL_PX).min(small.width);
-                    self.inspected.values[from..to].copy_from_slice(&small.values[from..to]);
-                }
+    pub fn mark_inspected(&mut self, region: &Cells, vehicles: &Cells) {
+        for (column, row) in region.iter() {
+            let cell = row * self.columns + column;
+            let missing = ABOVE * self.change[cell] - self.nuisance[cell];
+            if !vehicles.has(column, row) && missing > 0.0 {
+                self.nuisance[cell] = (self.nuisance[cell] + LEARN * missing).min(MOST_NUISANCE);
             }
+            copy_cell(&mut self.inspected, &self.laid, column, row);
         }
     }
 
-    fn learn_noise(&mut self, small: &SmallGrey) {
-        let changes = cell_means(&self.before.values, &small.values, small.width, self.columns, self.rows);
+    /// Learns the noise of the cells that the last picture shows as a whole.
+    fn learn_noise(&mut self, view: &View) {
+        let (before, now) = (&self.before.values, &self.laid.values);
+        let changes = cell_means(before, now, self.laid.width, self.columns, self.rows);
         // The estimate adapts faster in the first pictures, because it starts from a rough guess.
         let speed = if self.pictures < 20 { 8.0 } else { 1.0 };
         let (up, down) = (UP.powf(speed), DOWN.powf(speed));
-        for (noise, change) in self.noise.iter_mut().zip(changes) {
+        let all = self.all_cells();
+        for (column, row) in all.iter().filter(|(column, row)| view.shows(&all.cell_px(*column, *row))) {
+            let cell = row * self.columns + column;
+            let (noise, change) = (&mut self.noise[cell], changes[cell]);
             *noise = (*noise * if change > *noise { up } else { down }).clamp(0.05, 40.0);
-        }
-        self.before.values.copy_from_slice(&small.values);
-    }
-
-    fn compare(&mut self, small: &SmallGrey, shift: Vector2<f64>) {
-        self.change = cell_means(&self.inspected.values, &small.values, small.width, self.columns, self.rows);
-        for row in 0..self.rows {
-            for column in 0..self.columns {
-                let cell = row * self.columns + column;
-                let shaken = shift - self.inspected_shift[cell];
-                if shaken.norm() > STILL && self.change[cell] > LEAST {
-                    self.change[cell] = self.unshaken(small, column, row, shaken);
-                }
-            }
+            copy_cell(&mut self.before, &self.laid, column, row);
         }
     }
+}
 
-    /// Returns the mean change of a cell after compensation of the camera shake, grey levels.
-    ///
-    /// For the picture I, the inspected content S and the shift d, it uses `I(x) − S(x − d) ≈ I − S + ∇I·d`.
-    fn unshaken(&self, small: &SmallGrey, column: usize, row: usize, shaken: Vector2<f64>) -> f32 {
-        let (width, height) = (small.width, small.height);
-        let (dx, dy) = (shaken.x as f32, shaken.y as f32);
-        let (mut sum, mut count) = (0.0, 0.0);
-        for y in (row * CELL_PX).max(1)..((row + 1) * CELL_PX).min(height - 1) {
-            for x in (column * CELL_PX).max(1)..((column + 1) * CELL_PX).min(width - 1) {
-                let at = |x: usize, y: usize| f32::from(small.values[y * width + x]);
-                let gradient =
-                    0.5 * ((at(x + 1, y) - at(x - 1, y)) * dx + (at(x, y + 1) - at(x, y - 1)) * dy);
-                sum += (at(x, y) - f32::from(self.inspected.values[y * width + x]) + gradient).abs();
-                count += 1.0;
-            }
-        }
-        if count > 0.0 { sum / count } else { 0.0 }
+/// Copies the pixels of a cell.
+fn copy_cell(to: &mut SmallGrey, from: &SmallGrey, column: usize, row: usize) {
+    for y in row * CELL_PX..((row + 1) * CELL_PX).min(from.height) {
+        let pixels =
+            y * from.width + column * CELL_PX..y * from.width + ((column + 1) * CELL_PX).min(from.width);
+        to.values[pixels.clone()].copy_from_slice(&from.values[pixels]);
     }
 }
 

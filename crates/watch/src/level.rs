@@ -282,28 +282,52 @@ impl Level {
     }
 }
 
-/// Resamples a picture by bilinear interpolation. `from` maps the middle of a pixel of the result to the picture, px.
-/// Where that is outside the picture, `outside` returns the value of the pixel with this number.
+/// Resamples a picture by bilinear interpolation. `from` maps the middle of a pixel of the result to the picture, px. It
+/// is smooth: it is evaluated at every eighth pixel and interpolated between them. Where it is outside the picture,
+/// `outside` returns the value of the pixel with this number.
 pub(crate) fn resampled(
     picture: &[f32],
     (width, height): (usize, usize),
     from: impl Fn(Vector2<f64>) -> Vector2<f64>,
     outside: impl Fn(usize) -> f32,
 ) -> Vec<f32> {
-    let inside = |at: f64, length: usize| at >= 0.0 && at + 1.0 < length as f64;
-    let value = |pixel: usize| {
-        let (x, y) = (pixel % width, pixel / width);
-        let from = from(Vector2::new(x as f64 + 0.5, y as f64 + 0.5)).add_scalar(-0.5);
-        if !inside(from.x, width) || !inside(from.y, height) {
+    const STEP: usize = 8;
+    let (last_x, last_y) = (width as f64 - 1.0, height as f64 - 1.0);
+    let value = |pixel: usize, at: &Vector2<f64>| {
+        if !(0.0..=last_x).contains(&at.x) || !(0.0..=last_y).contains(&at.y) {
             return outside(pixel);
         }
-        let (column, row) = (from.x as usize, from.y as usize);
-        let (u, v) = (from.x.fract() as f32, from.y.fract() as f32);
-        let mix =
-            |row: usize| picture[row * width + column] * (1.0 - u) + picture[row * width + column + 1] * u;
-        mix(row) * (1.0 - v) + mix(row + 1) * v
+        let (column, row) = (at.x as usize, at.y as usize);
+        let (u, v) = ((at.x - column as f64) as f32, (at.y - row as f64) as f32);
+        let (right, below) = ((column + 1).min(width - 1), (row + 1).min(height - 1));
+        let mix = |row: usize| picture[row * width + column] * (1.0 - u) + picture[row * width + right] * u;
+        mix(row) * (1.0 - v) + mix(below) * v
     };
-    (0..width * height).map(value).collect()
+    let knots = |row: usize| -> Vec<Vector2<f64>> {
+        let knot = |column: usize| Vector2::new((STEP * column) as f64, (STEP * row) as f64);
+        let middle = |column| from(knot(column).add_scalar(0.5)).add_scalar(-0.5);
+        (0..=width.div_ceil(STEP)).map(middle).collect()
+    };
+    let mut out = Vec::with_capacity(width * height);
+    let (mut upper, mut lower) = (knots(0), knots(1));
+    for y in 0..height {
+        if y > 0 && y % STEP == 0 {
+            upper = lower;
+            lower = knots(y / STEP + 1);
+        }
+        let share = (y % STEP) as f64 / STEP as f64;
+        let mut left = upper[0] + (lower[0] - upper[0]) * share;
+        for (column, (above, below)) in upper.iter().zip(&lower).enumerate().skip(1) {
+            let right = above + (below - above) * share;
+            let step = (right - left) / STEP as f64;
+            for x in STEP * (column - 1)..(STEP * column).min(width) {
+                let at = left + step * (x % STEP) as f64;
+                out.push(value(y * width + x, &at));
+            }
+            left = right;
+        }
+    }
+    out
 }
 
 /// Smooths a picture with a binomial 3 × 3 kernel. In the result, grey levels change nearly

@@ -28,21 +28,24 @@ mod curves;
 mod edges;
 mod level;
 mod lines;
+mod mean_view;
 mod panorama;
 mod position;
 mod reference;
 mod registration;
 mod search;
 mod small;
+mod view;
 mod watcher;
 
 pub use alignment::Alignment;
-pub use background::Background;
+pub use background::{Background, EmptyScene};
 pub use background_picture::{BackgroundPicture, Displacement};
 pub use changes::{CELL_PX, Cells, ChangeMap};
 pub use curves::scene_curves;
 pub use lines::scene_lines;
 pub use small::SmallGrey;
+pub use view::View;
 pub use watcher::{Observation, RENEW_S, Watcher};
 
 /// The error of a failed OpenCV call. The cause is a bug or a lack of memory.

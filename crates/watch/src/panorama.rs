@@ -8,12 +8,12 @@
 //! estimation decides which chains show a place for long enough.
 
 use nalgebra::Vector2;
-use roadplane_base::{FrameStamp, Homography, PictureMotion, RegisteredLens, Registration};
+use roadplane_base::{FrameStamp, Homography, ImageSize, PictureMotion, RegisteredLens, Registration};
 
-use crate::SmallGrey;
 use crate::reference::{Prepared, Reference};
 use crate::registration::{Fit, LensMean, Registered, picture_box};
 use crate::search::{refined, search};
+use crate::{SmallGrey, View};
 
 /// Smallest number of blocks with structure that a keyframe needs.
 const MIN_BLOCKS: usize = 12;
@@ -153,6 +153,18 @@ impl Panorama {
     pub(crate) fn pose(&self) -> Option<Pose> {
         let current = self.keyframes.last().filter(|current| current.last.1 == self.pictures)?;
         Some(Pose { keyframe: current.frame, picture_from_keyframe: current.last.0.homography })
+    }
+
+    /// Returns how the last picture, with these registrations, shows the current keyframe. `None` if it lies on no
+    /// keyframe.
+    pub(crate) fn view(&self, registrations: &[Registration], size: ImageSize) -> Option<View> {
+        if self.keyframes.is_empty() {
+            return Some(View::new(None, PictureMotion::IDENTITY, size));
+        }
+        let Pose { keyframe, .. } = self.pose()?;
+        let own = registrations.iter().find(|registration| registration.reference == keyframe);
+        let motion = own.map_or(PictureMotion::IDENTITY, |own| own.picture_from_reference(size));
+        Some(View::new(Some(keyframe), motion, size))
     }
 
     /// Returns the motion of the undistorted picture from one pose to another, px of the reduced picture from its middle.

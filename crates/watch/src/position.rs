@@ -230,8 +230,8 @@ impl Place<'_> {
     ) -> Placed {
         let alignment = self.alignment(from, pose);
         let centred = |a: Alignment| Alignment { shift: a.shift - origin, ..a };
-        let displacement = alignment
-            .map_or(f64::INFINITY, |a| centred(a).displacement(self.small.width, self.small.height));
+        let displacement =
+            alignment.map_or(f64::INFINITY, |a| centred(a).displacement(self.small.width, self.small.height));
         Placed { stamp, alignment, displacement }
     }
 

@@ -3,14 +3,13 @@
 //! At each full minute, new pictures of the place and a new position of the camera replace the old ones. They are built
 //! up before it. So a run that starts at a full minute gives the same results as a run on the whole clip.
 
-use nalgebra::Vector2;
-use roadplane_base::{FrameStamp, MoveKind, Registration, WatchRecord};
+use roadplane_base::{FrameStamp, ImageSize, MoveKind, Registration, WatchRecord};
 
 use crate::blind::Blindness;
 use crate::panorama::Panorama;
 use crate::position::{CameraState, Position};
 use crate::reference::Prepared;
-use crate::{SmallGrey, WatchError};
+use crate::{SmallGrey, View, WatchError};
 
 /// Smallest shake that is reported, px of the frame. A smaller shake is within the noise of boxes and keypoints.
 const LEAST_OFFSET_PX: f64 = 0.5;
@@ -28,8 +27,8 @@ pub struct Observation {
     pub record: WatchRecord,
     /// The reduced grey copy of the frame.
     pub small: SmallGrey,
-    /// Shift of the picture against the mean position of a camera at rest, px of the reduced picture.
-    pub shift: Vector2<f64>,
+    /// How the picture shows a keyframe of the place. `None` if it is registered on none.
+    pub view: Option<View>,
     /// Whether a new position of the camera was accepted in this frame. Earlier pictures then cannot be compared with
     /// later ones.
     pub is_new_position: bool,
@@ -62,6 +61,12 @@ pub struct Watcher {
     now: Sight,
     /// The next minute's number, and what is prepared for it.
     next: Option<(u64, Sight)>,
+    /// View of the last picture that was not blind.
+    view: Option<View>,
+    /// Whether a new minute has just begun.
+    is_renewed: bool,
+    /// A keyframe, and the earlier keyframe whose name it has in views.
+    name: Option<(u64, u64)>,
     last: WatchRecord,
 }
 
@@ -90,21 +95,43 @@ impl Watcher {
     pub fn observe(&mut self, stamp: FrameStamp, image: &image::RgbImage) -> Result<Observation, WatchError> {
         let small = SmallGrey::of(image)?;
         let mut record = WatchRecord { looked: true, ..WatchRecord::default() };
-        let mut shift = Vector2::zeros();
-        if let Some(verdict) = self.blindness.check(&small, stamp.time_s()) {
+        let blind = self.blindness.check(&small, stamp.time_s());
+        let is_blind = blind.is_some();
+        if let Some(verdict) = blind {
             record.verdict = verdict;
         } else {
             let (motion, state) = self.settle(stamp, &small, &Prepared::of(&small));
             (record.motion, record.verdict, record.moved) = (motion, state.verdict, state.moved);
-            shift = state.shift;
-            let offset = shift * small.factor as f64;
+            let offset = state.shift * small.factor as f64;
             if offset.norm() >= LEAST_OFFSET_PX {
                 record.offset_px = [offset.x, offset.y].map(|v| (v * 100.0).round() / 100.0);
             }
         }
         let is_new_position = record.moved.is_some_and(|moved| moved.kind != MoveKind::Moving);
+        if !is_blind {
+            let size = ImageSize { width: image.width(), height: image.height() };
+            let view = self.now.panorama.view(&record.motion, size);
+            self.view = view.map(|view| self.renamed(view, stamp));
+        }
         self.last = record.clone();
-        Ok(Observation { record, small, shift, is_new_position })
+        Ok(Observation { record, small, view: self.view, is_new_position })
+    }
+
+    /// Keeps the name of the keyframe where a minute begins while the camera is at rest: the keyframe of the new minute
+    /// shows the same.
+    fn renamed(&mut self, mut view: View, stamp: FrameStamp) -> View {
+        let is_at_rest = |view: &View| view.keyframe.is_some() && !view.is_displaced();
+        let is_earlier = view.keyframe.is_some_and(|keyframe| keyframe < stamp.index);
+        if std::mem::take(&mut self.is_renewed) && is_earlier && is_at_rest(&view) {
+            let old = self.view.filter(is_at_rest).and_then(|old| old.keyframe);
+            self.name = view.keyframe.zip(old);
+        }
+        if let Some((new, old)) = self.name
+            && view.keyframe == Some(new)
+        {
+            view.keyframe = Some(old);
+        }
+        view
     }
 
     /// Registers a picture on the pictures of this minute and of the next.
@@ -116,7 +143,7 @@ impl Watcher {
     ) -> (Vec<Registration>, CameraState) {
         let minute = (stamp.time_s() / MINUTE_S).max(0.0) as u64;
         if let Some((_, next)) = self.next.take_if(|(from, _)| minute >= *from) {
-            self.now = next;
+            (self.now, self.is_renewed) = (next, true);
         }
         let (mut motion, state) = self.now.settle(stamp, small, picture);
         if stamp.time_s() - minute as f64 * MINUTE_S >= MINUTE_S - RENEW_S {

@@ -7,10 +7,23 @@ use std::sync::LazyLock;
 use image::{Rgb, RgbImage};
 use nalgebra::Vector2;
 use proptest::prelude::*;
-use roadplane_watch::{Background, CELL_PX, Cells, ChangeMap, SmallGrey};
+use roadplane_base::{Homography, ImageSize, Lens, PictureMotion};
+use roadplane_watch::{Background, CELL_PX, Cells, ChangeMap, SmallGrey, View};
 
 const WIDTH: usize = 164;
 const HEIGHT: usize = 90;
+
+/// Returns the view of a picture that is shifted by this many px of the reduced picture.
+fn view(shift: Vector2<f64>) -> View {
+    let size = ImageSize { width: 2 * WIDTH as u32, height: 2 * HEIGHT as u32 };
+    let [x, y] = [2.0 * shift.x, 2.0 * shift.y];
+    let mapping = Homography::from_numbers([1.0, 0.0, x, 0.0, 1.0, y, 0.0, 0.0]).unwrap();
+    View::new(Some(0), PictureMotion::new(mapping, Lens::STRAIGHT, size), size)
+}
+
+fn at_rest() -> View {
+    view(Vector2::zeros())
+}
 
 /// Returns the texture's grey level at a point, 40–200.
 fn texture(x: f64, y: f64) -> f64 {
@@ -65,7 +78,7 @@ fn the_block(map: &ChangeMap) -> Cells {
 fn learned(noise: f64, seed: u64) -> (ChangeMap, f64) {
     let mut map = ChangeMap::new(&scene(Vector2::zeros(), noise, seed));
     for i in 0..40 {
-        map.changed(&scene(Vector2::zeros(), noise, seed + 1 + i), Vector2::zeros(), i as f64 * 0.1);
+        map.changed(&scene(Vector2::zeros(), noise, seed + 1 + i), &at_rest(), i as f64 * 0.1);
     }
     (map, 4.0)
 }
@@ -78,7 +91,7 @@ proptest! {
         let (mut map, start_s) = learned(noise, seed * 1000);
         for i in 0..30 {
             let picture = scene(Vector2::zeros(), noise, seed * 1000 + 500 + i);
-            let changed = map.changed(&picture, Vector2::zeros(), start_s + i as f64 * 0.1);
+            let changed = map.changed(&picture, &at_rest(), start_s + i as f64 * 0.1);
             prop_assert_eq!(changed.iter().collect::<Vec<_>>(), vec![]);
         }
     }
@@ -89,27 +102,27 @@ proptest! {
         let block = the_block(&map);
         let seen = |map: &mut ChangeMap, i: u64| {
             let picture = with_block(scene(Vector2::zeros(), noise, seed * 1000 + 500 + i), strength);
-            let changed = map.changed(&picture, Vector2::zeros(), start_s + i as f64 * 0.1);
-            (picture, changed)
+            map.changed(&picture, &at_rest(), start_s + i as f64 * 0.1)
         };
         for i in 0..3 {
-            prop_assert_eq!(seen(&mut map, i).1, block.clone());
+            prop_assert_eq!(seen(&mut map, i), block.clone());
         }
-        let (picture, changed) = seen(&mut map, 3);
-        map.mark_inspected(&picture, Vector2::zeros(), &changed, &block);
+        let changed = seen(&mut map, 3);
+        map.mark_inspected(&changed, &block);
         for i in 4..10 {
-            prop_assert_eq!(seen(&mut map, i).1.iter().count(), 0);
+            prop_assert_eq!(seen(&mut map, i).iter().count(), 0);
         }
         let gone = scene(Vector2::zeros(), noise, seed * 1000 + 600);
-        prop_assert_eq!(map.changed(&gone, Vector2::zeros(), start_s + 1.0), block, "it left");
+        prop_assert_eq!(map.changed(&gone, &at_rest(), start_s + 1.0), block, "it left");
     }
 
     #[test]
-    fn shake_is_no_change(x in -0.5_f64..0.5, y in -0.5_f64..0.5, noise in 0.0_f64..4.0) {
+    fn motion_is_no_change(x in -9.0_f64..9.0, y in -9.0_f64..9.0, noise in 0.0_f64..4.0) {
         let mut map = ChangeMap::new(&scene(Vector2::zeros(), noise, 1));
         for i in 0..30_u64 {
             let shift = Vector2::new(x, y) * [0.0, 1.0, 0.3, -1.0][(i % 4) as usize];
-            let changed = map.changed(&scene(shift, noise, 2 + i), shift, i as f64 * 0.1);
+            let view = view(shift);
+            let changed = map.changed(&scene(shift, noise, 2 + i), &view, i as f64 * 0.1);
             prop_assert_eq!(changed.iter().collect::<Vec<_>>(), vec![], "picture {}", i);
         }
     }
@@ -166,28 +179,24 @@ fn flicker_is_ignored_and_a_vehicle_there_is_still_a_change() {
         // Leaves move in a gust for half of every second.
         let strength = if i % 10 < 5 { 7 } else { 0 };
         let picture = with_block(scene(Vector2::zeros(), noise, 100 + i), strength);
-        let changed = map.changed(&picture, Vector2::zeros(), start_s + i as f64 * 0.1);
+        let changed = map.changed(&picture, &at_rest(), start_s + i as f64 * 0.1);
         flagged.push(changed.iter().count());
-        map.mark_inspected(&picture, Vector2::zeros(), &changed, &map.no_cells());
+        map.mark_inspected(&changed, &map.no_cells());
     }
     assert_eq!(flagged[0], 12, "it is inspected at first: {flagged:?}");
     // Without learning, all twelve cells would be flagged in every second picture.
     let late = flagged[20..].iter().sum::<usize>();
     assert!(5 * late < 40 * 12 / 2, "{flagged:?}");
     let vehicle = with_block(scene(Vector2::zeros(), noise, 300), 35);
-    assert_eq!(map.changed(&vehicle, Vector2::zeros(), start_s + 6.0), the_block(&map));
+    assert_eq!(map.changed(&vehicle, &at_rest(), start_s + 6.0), the_block(&map));
     // After two minutes without wind, a weak change is inspected again.
-    let picture = with_block(scene(Vector2::zeros(), noise, 301), 0);
-    map.mark_inspected(&picture, Vector2::zeros(), &the_block(&map), &map.no_cells());
+    map.changed(&scene(Vector2::zeros(), noise, 301), &at_rest(), start_s + 6.05);
+    map.mark_inspected(&the_block(&map), &map.no_cells());
     for i in 0..1200 {
-        map.changed(
-            &scene(Vector2::zeros(), noise, 400 + i),
-            Vector2::zeros(),
-            start_s + 6.1 + i as f64 * 0.1,
-        );
+        map.changed(&scene(Vector2::zeros(), noise, 400 + i), &at_rest(), start_s + 6.1 + i as f64 * 0.1);
     }
     let again = with_block(scene(Vector2::zeros(), noise, 2000), 7);
-    assert_eq!(map.changed(&again, Vector2::zeros(), start_s + 130.0), the_block(&map));
+    assert_eq!(map.changed(&again, &at_rest(), start_s + 130.0), the_block(&map));
 }
 
 #[test]
@@ -225,7 +234,7 @@ fn street(car: Option<u32>) -> RgbImage {
 fn a_passing_car_does_not_enter_the_background() {
     let grid = ChangeMap::new(&SmallGrey::of(&street(None)).unwrap()).no_cells();
     let parked = [240.0, 8.0, 279.0, 39.0];
-    let mut background = Background::new(&street(Some(0)), grid.clone());
+    let mut background = Background::new(&street(Some(0)), &View::at_rest(&street(None)), grid.clone());
     assert!(background.bare_s().iter().flatten().all(Option::is_none));
     assert_eq!(background.cell_px(), 8);
     let x_at = |i: u32| i * 4;
@@ -234,7 +243,7 @@ fn a_passing_car_does_not_enter_the_background() {
         let mut busy = grid.clone();
         busy.insert_box(&[f64::from(x), 64.0, f64::from(x + 47), 95.0]);
         busy.insert_box(&parked);
-        background.take(&street(Some(x)), &busy, f64::from(i) * 0.1);
+        background.take(&street(Some(x)), &View::at_rest(&street(None)), &busy, f64::from(i) * 0.1);
     }
     let truth = street(None);
     for (x, y, pixel) in background.picture().enumerate_pixels() {
@@ -257,14 +266,39 @@ fn a_passing_car_does_not_enter_the_background() {
 #[test]
 fn changes_of_light_are_followed_and_pictures_of_another_size_are_left_out() {
     let grid = ChangeMap::new(&SmallGrey::of(&street(None)).unwrap()).no_cells();
-    let mut background = Background::new(&street(None), grid.clone());
+    let view = View::at_rest(&street(None));
+    let mut background = Background::new(&street(None), &view, grid.clone());
     let mut brighter = street(None);
     brighter.iter_mut().for_each(|v| *v = v.saturating_add(20));
-    background.take(&street(None), &grid, 0.0);
-    (1..=20).for_each(|i| background.take(&brighter, &grid, f64::from(i) * 2.0));
+    background.take(&street(None), &view, &grid, 0.0);
+    (1..=20).for_each(|i| background.take(&brighter, &view, &grid, f64::from(i) * 2.0));
     let worst = background.picture().iter().zip(brighter.iter()).map(|(a, b)| a.abs_diff(*b)).max();
     assert!(worst.unwrap() <= 2, "{worst:?}");
     let before = background.picture().clone();
-    background.take(&RgbImage::new(100, 100), &grid, 100.0);
+    background.take(&RgbImage::new(100, 100), &view, &grid, 100.0);
     assert_eq!(background.picture(), &before);
+}
+
+#[test]
+fn a_moving_camera_has_a_background_too() {
+    // The camera sways over the street, and a car drives through.
+    let scene =
+        |car: u32, x: u32, y: u32| image::imageops::crop_imm(&street(Some(car)), x, y, 280, 140).to_image();
+    let size = ImageSize { width: 280, height: 140 };
+    let middle = scene(400, 20, 10);
+    let grid = ChangeMap::new(&SmallGrey::of(&middle).unwrap()).no_cells();
+    let mut background = Background::new(&scene(20, 20, 10), &View::at_rest(&middle), grid.clone());
+    for i in 0..70_u32 {
+        let (x, y, car) =
+            ([20, 30, 38, 30, 20, 10, 2, 10][i as usize % 8], [10, 4, 0, 14, 20][i as usize % 5], 20 + 4 * i);
+        let shift = [20.0 - f64::from(x), 10.0 - f64::from(y)];
+        let mapping = Homography::from_numbers([1.0, 0.0, shift[0], 0.0, 1.0, shift[1], 0.0, 0.0]).unwrap();
+        let view = View::new(None, PictureMotion::new(mapping, Lens::STRAIGHT, size), size);
+        let mut busy = grid.clone();
+        busy.insert_box(&[f64::from(car) - 20.0, 54.0, f64::from(car) + 27.0, 85.0]);
+        background.take(&scene(car, x, y), &view, &busy, f64::from(i) * 0.1);
+    }
+    for (x, y, pixel) in background.picture().enumerate_pixels() {
+        assert_eq!(pixel, middle.get_pixel(x, y), "at {x}, {y}");
+    }
 }

@@ -12,6 +12,7 @@ use roadplane_measure::usable;
 use roadplane_write::FrameReader;
 
 use crate::cameras::camera_track::{CameraTrack, Visit, by_visits, position_at};
+use crate::cameras::empty_scene_view::EmptySceneView;
 use crate::cameras::joining::{factors_by_position, fuse_options};
 use crate::cameras::known::CameraConstraints;
 use crate::cameras::lens::LensOfClip;
@@ -109,10 +110,11 @@ pub(crate) fn estimate_cameras(
     let mut options = of_clip.count(&windows, fuse_options(size, position, &known, config));
     let said = recall.and_then(|recall| {
         let options = options.for_cars();
-        let (said, cars) = evidence_of(recall, &windows, position, span_s, &parked, &options)?;
+        let view = EmptySceneView::of(recall.registration.as_ref(), &optics.places, position, size)?;
+        let (said, cars) = evidence_of(recall, &windows, position, span_s, &parked, &view, &options)?;
         let epochs = epochs(&recall.evidence, &look, &options);
         if let Some(epoch) = own_epoch(recall, &said, &epochs, &options) {
-            add_remembered(&mut windows, position, epoch, &said, &cars);
+            add_remembered(&mut windows, position, epoch, (&said, &cars), &view);
         }
         Some(said)
     });

@@ -10,13 +10,13 @@ use std::path::{Path, PathBuf};
 
 use base64::Engine as _;
 use base64::engine::general_purpose::STANDARD;
+use image::ImageFormat;
 use image::codecs::png::PngEncoder;
-use image::{ImageFormat, RgbImage};
 use regex::Regex;
-use roadplane_base::{CameraEstimate, CameraEvidence, ClipIdentity, ImageSize};
+use roadplane_base::{CameraEstimate, CameraEvidence, ClipIdentity, ImageSize, Registration};
 use roadplane_calibrate::{Epoch, SameView, epochs, fuse};
 use roadplane_view::ViewError;
-use roadplane_watch::BackgroundPicture;
+use roadplane_watch::{BackgroundPicture, EmptyScene};
 use roadplane_write::{EvidenceStore, InputSummary, WriteError, is_camera_id};
 
 use crate::cameras::joining::fuse_options;
@@ -121,7 +121,7 @@ impl CameraDatabase {
         input: &Path,
         identity: &InputSummary,
         models: Vec<String>,
-        place: Option<&RgbImage>,
+        scene: Option<&EmptyScene>,
     ) -> Result<Option<CameraHistory>, PipelineError> {
         let Some(camera) = self.id.of(input) else { return Ok(None) };
         let name = stem_of(input);
@@ -135,8 +135,9 @@ impl CameraDatabase {
         let clip = ClipIdentity { recorded, sha256: identity.sha256.clone(), name };
         let known = self.known.get(&camera).map(Vec::as_slice).unwrap_or_default();
         let evidence = known.iter().filter(|e| e.clip.sha256 != clip.sha256).cloned().collect();
-        let place = place.map(|place| packed(&BackgroundPicture::of(place)?)).transpose()?;
-        Ok(Some(CameraHistory { camera, clip, models, place, evidence }))
+        let place = scene.map(|scene| packed(&BackgroundPicture::of(&scene.picture)?)).transpose()?;
+        let registration = scene.and_then(|scene| scene.registration);
+        Ok(Some(CameraHistory { camera, clip, models, place, registration, evidence }))
     }
 
     /// Adds the evidence of a finished result to the database, if it has any.
@@ -177,6 +178,8 @@ pub(crate) struct CameraHistory {
     pub models: Vec<String>,
     /// Picture of the empty scene, as a PNG in base64.
     pub place: Option<String>,
+    /// How this picture lies on the picture of an earlier frame.
+    pub registration: Option<Registration>,
     /// Evidence of all other clips of the camera.
     pub evidence: Vec<CameraEvidence>,
 }

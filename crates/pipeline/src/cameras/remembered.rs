@@ -7,17 +7,20 @@ use roadplane_calibrate::{
     CarIdentity, Epoch, FuseOptions, SegmentStart, WindowEstimate, condense, fuse, joins, same_vehicle,
 };
 
+use crate::cameras::empty_scene_view::EmptySceneView;
 use crate::cameras::memory::{CameraHistory, look};
 
 /// Returns the evidence of the camera's last position, and the identities of its parked vehicles.
 ///
-/// The picture of the empty scene belongs to this position. `None` where the camera drifted or moved without a verdict.
+/// It is evidence on the camera that takes the picture of the empty scene (`view`). `None` where the camera drifted or moved
+/// without a verdict, or where the picture shows another position.
 pub(crate) fn evidence_of(
     recall: &CameraHistory,
     windows: &[WindowEstimate],
     position: usize,
     clip_span_s: [f64; 2],
     parked: &BTreeMap<CarIdentity, ParkedCar>,
+    view: &EmptySceneView,
     options: &FuseOptions,
 ) -> Option<(CameraEvidence, Vec<CarIdentity>)> {
     let last: Vec<WindowEstimate> = windows.iter().filter(|w| w.segment == position).cloned().collect();
@@ -48,7 +51,7 @@ pub(crate) fn evidence_of(
         parked: stood,
         place: recall.place.clone(),
     };
-    Some((said, cars))
+    Some((view.evidence(said)?, cars))
 }
 
 /// Returns the epoch to which this clip belongs, and logs it. `None` where the clip begins a new epoch.
@@ -72,15 +75,16 @@ pub(crate) fn own_epoch<'a, 'b>(
     epoch
 }
 
-/// Inserts the evidence of other clips before this clip's windows of the camera's last position.
+/// Inserts the evidence of other clips before this clip's windows of the camera's last position. `view` is the view of this
+/// clip's picture of the empty scene.
 ///
 /// Vehicles that are parked as in an earlier clip get the identity of the stored vehicle.
 pub(crate) fn add_remembered(
     windows: &mut Vec<WindowEstimate>,
     position: usize,
     epoch: &Epoch<'_>,
-    said: &CameraEvidence,
-    cars: &[CarIdentity],
+    (said, cars): (&CameraEvidence, &[CarIdentity]),
+    view: &EmptySceneView,
 ) {
     let known = |car: &ParkedCar| epoch.vehicles.iter().find(|(_, known)| same_vehicle(known, car));
     let same: BTreeMap<CarIdentity, CarIdentity> = cars
@@ -100,12 +104,13 @@ pub(crate) fn add_remembered(
     if let Some(first) = windows.get_mut(at) {
         first.steady = true;
     }
-    let remembered = epoch.windows.iter().map(|window| WindowEstimate {
+    let in_world = epoch.windows.iter().filter_map(|window| view.window_in_world(window));
+    let remembered = in_world.map(|window| WindowEstimate {
         span_s: [from_s; 2],
         frames: 0,
         segment: position,
         start,
-        ..window.clone()
+        ..window
     });
     windows.splice(at..at, remembered.collect::<Vec<_>>());
 }

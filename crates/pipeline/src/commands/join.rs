@@ -13,6 +13,7 @@ use image::RgbImage;
 use roadplane_base::FrameRecord;
 use roadplane_decode::DecodeReport;
 use roadplane_view::ViewError;
+use roadplane_watch::EmptyScene;
 use roadplane_write::{FrameReader, OutFile, StageSeconds, WatchSummary};
 
 use crate::commands::piece::{PieceFile, STILLS, read_piece};
@@ -139,7 +140,11 @@ fn perceived_of(
     let first = &pieces[0].1;
     let (_, last) = &pieces[pieces.len() - 1];
     let stills: Vec<_> = pieces.iter().map(|(folder, piece)| (folder.join(STILLS), piece.stills)).collect();
-    let background = pieces.iter().rev().find_map(|(folder, piece)| Some(folder.join(piece.place.as_ref()?)));
+    let background =
+        pieces.iter().rev().find_map(|(folder, piece)| Some((folder.join(piece.place.as_ref()?), piece)));
+    let background = background.map(|(path, piece)| -> Result<EmptyScene, PipelineError> {
+        Ok(EmptyScene { picture: read_picture(&path)?, registration: piece.place_registration })
+    });
     Ok(Perceived {
         input: first.input.clone(),
         models: first.models.clone(),
@@ -153,7 +158,7 @@ fn perceived_of(
             config.output.report_mib,
             stills.iter().map(|(path, levels)| (path.as_path(), *levels)),
         )?,
-        background: background.map(|path| read_picture(&path)).transpose()?,
+        background: background.transpose()?,
     })
 }
 

@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 
 use image::RgbImage;
 use image::codecs::jpeg::JpegEncoder;
+use roadplane_base::Registration;
 use roadplane_decode::{DecodeReport, InputKind};
 use roadplane_traffic::{TRAFFIC_SCHEMA, TrafficFile};
 use roadplane_view::ViewError;
@@ -157,6 +158,9 @@ pub(crate) struct PieceFile {
     pub stills: StillLevels,
     /// Name of the file with the background image: the scene without moving objects.
     pub place: Option<String>,
+    /// How the background image lies on the picture of an earlier frame.
+    #[serde(default)]
+    pub place_registration: Option<Registration>,
 }
 
 /// Runs perception on one piece of an input and writes the folder `out/<stem>.piece-<from>/`.
@@ -234,9 +238,10 @@ fn write_piece(
         samples.push((*frame, *time_s, name));
     }
     let stills = perceived.stills.write(&folder.join(STILLS))?;
-    let background = perceived.background.as_ref().map(|picture| {
+    let scene = perceived.background.as_ref();
+    let background = scene.map(|scene| {
         let name = "place.jpg".to_owned();
-        write_picture(&folder.join(&name), picture).map(|()| name)
+        write_picture(&folder.join(&name), &scene.picture).map(|()| name)
     });
     let piece = PieceFile {
         schema: PIECE_SCHEMA.to_owned(),
@@ -250,6 +255,7 @@ fn write_piece(
         samples,
         stills,
         place: background.transpose()?,
+        place_registration: scene.and_then(|scene| scene.registration),
     };
     write_json(&folder.join(PIECE), &piece)?;
     Ok(piece.decode)

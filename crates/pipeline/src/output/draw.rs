@@ -5,7 +5,7 @@ use std::iter::Peekable;
 use std::path::Path;
 
 use image::RgbImage;
-use roadplane_base::{CameraEstimate, Shape, ShapeAtlas, TrackRow};
+use roadplane_base::{CameraEstimate, SceneLine, Shape, ShapeAtlas, TrackRow};
 use roadplane_decode::{DecodeOptions, refuse_address};
 use roadplane_measure::FrameCamera;
 use roadplane_view::{
@@ -153,10 +153,12 @@ pub(crate) fn write_report(
         .collect::<Result<_, PipelineError>>()?;
     // The background image shows the scene from the last position of the camera.
     let lines = background.and_then(|background| {
+        let scene = solution.empty_scene?;
         let view =
             solution.cameras.scene().iter().find(|view| view.position == solution.cameras.last_position())?;
         let upright = &view.verticals.as_ref()?.upright;
-        Some(with_lines(background, view.lines.iter().zip(upright.iter().copied())))
+        let lines: Vec<SceneLine> = view.lines.iter().map(|line| scene.line(line)).collect();
+        Some(with_lines(background, lines.iter().zip(upright.iter().copied())))
     });
     let lines = lines.transpose()?;
     let facts = facts_of(summary);

@@ -59,7 +59,8 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
     let solving = Instant::now();
     let (spool, poses) = (folder.join(SPOOL), folder.join("poses.jsonl"));
     let site = options.site.as_ref();
-    let given = Given { history: history.as_ref(), site, ..Given::new(&options.constraints) };
+    let empty_scene = background.and_then(|scene| scene.registration.as_ref());
+    let given = Given { history: history.as_ref(), site, empty_scene, ..Given::new(&options.constraints) };
     let drawn = perceived.samples.iter().map(|(frame, ..)| *frame).chain(perceived.stills.crop_frames());
     let mut rows = TrackRows::new(folder, activity, ShownRows::of(drawn.collect()));
     let mut solution = solve_constrained_clip(&spool, &poses, &atlas, &given, &mut rows, config, cancel)?;
@@ -93,7 +94,7 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
         traffic: &sections,
         samples: &perceived.samples,
         stills: &perceived.stills,
-        background,
+        background: background.map(|scene| &scene.picture),
         is_thinned,
     };
     write_report(&report, stem, &atlas, &solution, &pictures, &summary, config)?;

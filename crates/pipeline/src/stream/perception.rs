@@ -9,7 +9,7 @@ use roadplane_activity::ActivityNet;
 use roadplane_base::FrameRecord;
 use roadplane_decode::{DecodeReport, Input};
 use roadplane_view::ViewError;
-use roadplane_watch::Background;
+use roadplane_watch::{Background, EmptyScene};
 use roadplane_write::{
     FrameReader, FrameSpool, InputSummary, ModelSummary, OutFile, OutputFolder, StageSeconds, WatchSummary,
     write_json,
@@ -119,7 +119,7 @@ pub(crate) struct Perceived {
     /// Small frames and cut-outs of vehicles for the report.
     pub stills: Stills,
     /// The background image: the scene without vehicles.
-    pub background: Option<RgbImage>,
+    pub background: Option<EmptyScene>,
 }
 
 /// State of a run after perception.
@@ -216,7 +216,7 @@ fn stream_input(
         watch: watched.finish(),
         samples: samples.finish(),
         stills,
-        background: background.as_ref().map(|background| background.picture().clone()),
+        background: background.as_ref().map(Background::empty_scene),
     })
 }
 

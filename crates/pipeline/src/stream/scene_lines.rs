@@ -1,8 +1,8 @@
 //! Decides when to search the background image for lines of the scene, and runs these searches.
 
 use image::RgbImage;
-use roadplane_base::{CarRecord, PictureVerdict, SceneCurve, SceneLine};
-use roadplane_watch::{Observation, scene_curves, scene_lines};
+use roadplane_base::{CarRecord, SceneCurve, SceneLine};
+use roadplane_watch::{Observation, View, scene_curves, scene_lines};
 
 use crate::PipelineError;
 use crate::stream::cadence::interval_of;
@@ -34,10 +34,11 @@ impl LineFinder {
         Self { began_s: None, searches: 0, is_done }
     }
 
-    /// Finds lines and long edges in the background image. Returns `None` if no search is due.
+    /// Finds lines and long edges in the background image, which shows the keyframe of `view`. Returns `None` if no search is due.
     pub(crate) fn find(
         &mut self,
         seen: &Observation,
+        view: &View,
         background: &RgbImage,
         cars: &[CarRecord],
         time_s: f64,
@@ -45,8 +46,7 @@ impl LineFinder {
         if seen.is_new_position {
             *self = Self::new(false);
         }
-        let is_steady = matches!(seen.record.verdict, PictureVerdict::Rest | PictureVerdict::Unknown);
-        if self.is_done || !is_steady {
+        if self.is_done {
             return Ok(None);
         }
         let began_s = *self.began_s.get_or_insert(time_s);
@@ -60,16 +60,22 @@ impl LineFinder {
         }
         self.searches = due;
         self.is_done = due == AGES_S.len();
-        let boxes: Vec<[f64; 4]> = cars.iter().map(|car| car.bbox_px).collect();
-        Ok(Some((scene_lines(background, &boxes)?, scene_curves(background, &boxes)?)))
+        let boxes: Vec<[f64; 4]> = cars.iter().map(|car| view.in_keyframe(&car.bbox_px)).collect();
+        let mut lines = scene_lines(background, &boxes)?;
+        // Lines of a frame are in its picture. Curves show the lens, wherever they are.
+        if view.is_displaced() {
+            for line in &mut lines {
+                line.ends_px = line.ends_px.map(|end| view.picture_from_keyframe.apply(&end));
+            }
+        }
+        Ok(Some((lines, scene_curves(background, &boxes)?)))
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Vector2;
-    use roadplane_base::WatchRecord;
+    use roadplane_base::{PictureVerdict, WatchRecord};
     use roadplane_watch::SmallGrey;
 
     /// Returns the times of the searches, s. Pictures are taken twice a second, and the camera moves at the times
@@ -81,10 +87,10 @@ mod tests {
             let seen = Observation {
                 record: WatchRecord { verdict: PictureVerdict::Rest, ..WatchRecord::default() },
                 small: SmallGrey::of(&picture).unwrap(),
-                shift: Vector2::zeros(),
+                view: Some(View::at_rest(&picture)),
                 is_new_position: moves_s.iter().any(|move_s| (move_s - time_s).abs() < 0.1),
             };
-            finder.find(&seen, &picture, &[], *time_s).unwrap().is_some()
+            finder.find(&seen, &View::at_rest(&picture), &picture, &[], *time_s).unwrap().is_some()
         };
         times.filter(is_due).collect()
     }

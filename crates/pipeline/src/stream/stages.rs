@@ -1,6 +1,5 @@
 //! The stages that process pictures: first watch, then detect, then keypoints.
 
-use roadplane_base::PictureVerdict;
 use roadplane_detect::{Detector, RoiScheduler};
 use roadplane_keypoints::{KeypointNet, Schedule};
 use roadplane_watch::{Background, Watcher};
@@ -47,15 +46,15 @@ pub(crate) fn detect_stage<'a>(
             let rounded = |share: f64| Some((share * 1e4).round() / 1e4);
             (watch.changed, watch.seen) = (rounded(found.changed), rounded(found.inspected));
         }
-        if seen.is_new_position {
-            *background = None;
+        if let Some(view) = &seen.view {
+            let is_shown = |background: &Background| background.keyframe() == view.keyframe;
+            let earlier = background.take().filter(|earlier| is_shown(earlier) && !seen.is_new_position);
+            let background = background
+                .insert(earlier.unwrap_or_else(|| Background::new(image, view, found.busy.emptied())));
+            background.take(image, view, &found.busy, work.record.time_s);
+            let edges = lines.find(seen, view, background.picture(), &found.cars, work.record.time_s)?;
+            (work.record.scene_lines, work.record.scene_curves) = edges.unzip();
         }
-        let background = background.get_or_insert_with(|| Background::new(image, found.busy.emptied()));
-        if seen.record.verdict == PictureVerdict::Rest {
-            background.take(image, &found.busy, work.record.time_s);
-        }
-        let edges = lines.find(seen, background.picture(), &found.cars, work.record.time_s)?;
-        (work.record.scene_lines, work.record.scene_curves) = edges.unzip();
         (work.record.cars, work.record.weak) = (found.cars, found.weak);
         Ok(())
     })

@@ -3,9 +3,10 @@
 use std::path::Path;
 
 use image::RgbImage;
+use nalgebra::Vector2;
 use roadplane_base::{CameraMove, FrameStamp, PictureVerdict, WatchRecord};
 use roadplane_decode::{DecodeOptions, open};
-use roadplane_watch::Watcher;
+use roadplane_watch::{View as KeyframeView, Watcher};
 
 /// A pseudo-random generator with a fixed sequence.
 pub struct Dice(u64);
@@ -249,7 +250,7 @@ impl Scene for Played {
 pub struct WatchedClip {
     pub stride: u64,
     pub fps: f64,
-    /// For each frame: its stamp, its record, and its shift in px of the frame.
+    /// For each frame: its stamp, its record, and the shift of its middle against the keyframe in px of the frame.
     pub frames: Vec<(FrameStamp, WatchRecord, [f64; 2])>,
 }
 
@@ -268,6 +269,12 @@ impl WatchedClip {
     pub fn first(&self, verdict: PictureVerdict) -> Option<f64> {
         self.frames.iter().find(|(_, record, _)| record.verdict == verdict).map(|(stamp, ..)| stamp.time_s())
     }
+}
+
+/// Returns the shift of the picture's middle against its keyframe, px of the frame.
+pub fn shift_of(view: Option<&KeyframeView>, image: &RgbImage) -> [f64; 2] {
+    let middle = Vector2::new(f64::from(image.width()), f64::from(image.height())) / 2.0;
+    view.map_or([0.0; 2], |view| (view.picture_from_keyframe.apply(&middle) - middle).into())
 }
 
 /// Runs the watcher on a synthetic clip at several strides at once. `picture` draws the frame with this number at this
@@ -292,8 +299,7 @@ pub fn watched(
         for (watcher, clip) in &mut watchers {
             if frame % clip.stride == 0 {
                 let seen = watcher.observe(stamp, &image).unwrap();
-                let factor = seen.small.factor as f64;
-                clip.frames.push((stamp, seen.record, [seen.shift.x * factor, seen.shift.y * factor]));
+                clip.frames.push((stamp, seen.record, shift_of(seen.view.as_ref(), &image)));
             }
         }
     }
