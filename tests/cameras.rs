@@ -15,13 +15,18 @@ const FRAMES: u64 = 10;
 /// Writes frames of the demo clip as a folder of images, which stands for one night. The images show the view of a
 /// camera that is turned upwards by an angle (rad).
 fn night(folder: &Path, start_s: f64, turned_rad: f64) {
-    fs::create_dir_all(folder).unwrap();
     let options = DecodeOptions { start_s, stride: 3, max_frames: Some(FRAMES), ..DecodeOptions::default() };
-    let mut input = open(&root().join("tests/data/lot.mp4"), &options).unwrap();
+    moving_night(folder, &options, |_| turned_rad);
+}
+
+/// Writes the chosen frames of the demo clip as [`night`] does. The angle depends on the index of the frame.
+fn moving_night(folder: &Path, options: &DecodeOptions, turned_rad: impl Fn(u64) -> f64) {
+    fs::create_dir_all(folder).unwrap();
+    let mut input = open(&root().join("tests/data/lot.mp4"), options).unwrap();
     let truth = json(&root().join("tests/data/lot.truth.json"));
     let focal_px = number(&truth["camera"]["focal_px"]);
     while let Some(frame) = input.next_frame().unwrap() {
-        let image = turned(&frame.image, focal_px, turned_rad);
+        let image = turned(&frame.image, focal_px, turned_rad(frame.stamp.index));
         image.save(folder.join(format!("f{:04}.jpg", frame.stamp.index))).unwrap();
     }
 }
@@ -65,6 +70,37 @@ fn shown(cameras: &Path) -> Vec<Value> {
     let output = roadplane().args(["cameras", "show", "--json"]).arg(cameras).arg("lot").output().unwrap();
     let text = String::from_utf8(output.stdout).unwrap();
     text.lines().map(|line| serde_json::from_str(line).unwrap()).collect()
+}
+
+#[test]
+fn a_camera_that_moves_within_its_clips_is_remembered_as_the_last_pictures_show_it() {
+    let temp = tempfile::tempdir().unwrap();
+    let at = |name: &str| temp.path().join(name);
+    let turn = 2.5_f64.to_radians();
+    let nights = [at("lot_20260101T220000"), at("lot_20260102T220000")];
+    // The camera turns after a second, and the next night begins where it stays.
+    let first = DecodeOptions { max_frames: Some(34), ..DecodeOptions::default() };
+    moving_night(&nights[0], &first, |frame| if frame < 10 { 0.0 } else { turn });
+    night(&nights[1], 2.0, turn);
+    let cameras = at("cameras");
+    run(&[&nights[0]], &at("out"), &cameras);
+    let said = run_with(&[], &[&nights[1]], &at("out"), &cameras);
+    assert!(said.contains("the camera database has 1 clips of it"), "{said}");
+    let tilt = |night: &str| number(&json(&at(&format!("out/{night}/camera.json")))["tilt_rad"]);
+    let change = tilt("lot_20260101T220000") - tilt("lot_20260102T220000");
+    assert!((change - turn).abs() < 0.6_f64.to_radians(), "{}°", change.to_degrees());
+
+    // A camera that sways has one mean position in all nights.
+    let swaying = at("swaying");
+    let every_other = DecodeOptions { stride: 2, ..DecodeOptions::default() };
+    let sway = |phase: f64| move |frame: u64| 0.007 * (0.6 * frame as f64 + phase).sin();
+    for (name, phase) in [("lot_20260103T220000", 0.0), ("lot_20260104T220000", 1.6)] {
+        moving_night(&at(name), &every_other, sway(phase));
+        run(&[&at(name)], &at("out"), &swaying);
+    }
+    let epochs = shown(&swaying);
+    assert_eq!(epochs.len(), 1, "{epochs:?}");
+    assert_eq!(epochs[0]["clips"].as_array().unwrap().len(), 2);
 }
 
 #[test]
