@@ -73,7 +73,7 @@ fn shown(cameras: &Path) -> Vec<Value> {
 }
 
 #[test]
-fn a_camera_that_moves_within_its_clips_is_remembered_as_the_last_pictures_show_it() {
+fn a_camera_that_moves_within_its_clips_is_stored_as_the_last_pictures_show_it() {
     let temp = tempfile::tempdir().unwrap();
     let at = |name: &str| temp.path().join(name);
     let turn = 2.5_f64.to_radians();

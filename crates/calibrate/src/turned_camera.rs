@@ -1,6 +1,6 @@
 //! The camera of another picture of the same place: it is turned and zoomed by a known homography.
 //!
-//! A camera that turns by R and zooms by g maps its pixels by `K₁ R K₀⁻¹`, where `K₁` has the focal length g f. Its
+//! A camera that turns by R and zooms by g maps its pixels by `K₁ R K₀⁻¹`. Here `K₁` has the focal length g f. Its
 //! centre stays where it is, so the normal of the ground is turned by R and the height is the same.
 
 use nalgebra::{Matrix4, Vector2};
@@ -9,8 +9,8 @@ use roadplane_base::{CameraParams, GroundPlane, Homography, JointInformation};
 /// Step of the numerical derivatives, log or rad.
 const STEP: f64 = 1e-5;
 
-/// Returns the camera after a turn and a zoom. `homography` maps undistorted pixels of its picture to those of the turned
-/// camera, and `centre_px` is the principal point of both. `None` if the homography is no turn.
+/// Returns the camera after a turn and a zoom. `homography` maps undistorted pixels of its picture to those of the
+/// turned camera, and `centre_px` is the principal point of both. `None` if the homography is no turn.
 #[must_use]
 pub fn turned_camera(
     camera: &CameraParams,

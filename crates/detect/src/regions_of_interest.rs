@@ -115,7 +115,7 @@ impl RoiScheduler {
             });
         }
         let Some(view) = observation.view else {
-            // The camera moves too fast, or something is in front of it. What is known of the keyframe stays as it is.
+            // The camera moves too fast, or something is in front of it. The state of the keyframe stays as it is.
             let (own, all) = (View::at_rest(image), grid.all_cells());
             let FrameDetections { found, weak, .. } = inspected(detector, image, own, &all, &[whole(image)])?;
             let weak = weak_beside(&weak, &found, detector.options());
@@ -209,8 +209,8 @@ impl RoiScheduler {
         Ok(detections)
     }
 
-    /// Returns the areas that are due for inspection, as boxes in px of the frame. `scan` is the part of the full scan that
-    /// is due.
+    /// Returns the areas that are due for inspection, as boxes in px of the frame. `scan` is the part of the full scan
+    /// that is due.
     fn due_areas(&self, changed: &Cells, time_s: f64, view: &View, scan: Option<[f64; 4]>) -> Vec<[f64; 4]> {
         let mut due = changed.emptied();
         for (column, row) in changed.iter() {

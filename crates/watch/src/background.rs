@@ -31,8 +31,8 @@ pub struct Background {
 pub struct EmptyScene {
     /// The picture, at full size.
     pub picture: RgbImage,
-    /// How the picture lies on the picture of an earlier frame. `None` if the clip has too little structure. Then the camera
-    /// counts as at rest.
+    /// How the picture lies on the picture of an earlier frame. `None` if the clip has too little structure. Then the
+    /// camera counts as at rest.
     pub registration: Option<Registration>,
 }
 
@@ -59,8 +59,8 @@ impl Background {
         self.keyframe
     }
 
-    /// Blends the empty cells of a picture into the background. A cell is empty if it is not in `busy`. The picture must
-    /// show the keyframe of the background.
+    /// Blends the empty cells of a picture into the background. A cell is empty if it is not in `busy`. The picture
+    /// must show the keyframe of the background.
     pub fn take(&mut self, picture: &RgbImage, view: &View, busy: &Cells, time_s: f64) {
         if picture.dimensions() != self.picture.dimensions() {
             return;

@@ -247,8 +247,8 @@ impl ChangeMap {
         cells
     }
 
-    /// Returns the cells of the keyframe that changed since their last inspection. `view` is how the next picture shows the
-    /// keyframe. What the picture does not show has not changed.
+    /// Returns the cells of the keyframe that changed since their last inspection. `view` is how the next picture shows
+    /// the keyframe. Parts that the picture does not show have not changed.
     pub fn changed(&mut self, small: &SmallGrey, view: &View, time_s: f64) -> Cells {
         self.pictures = self.pictures.saturating_add(1);
         let fade = self.last_s.map_or(1.0, |last| (-(time_s - last).max(0.0) / FADE_S).exp()) as f32;

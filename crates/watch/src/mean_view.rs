@@ -4,13 +4,11 @@ use nalgebra::Vector2;
 use roadplane_base::Homography;
 
 use crate::View;
+use crate::position::AVERAGED;
+use crate::view::NOT_DISPLACED_PX;
 
-/// Largest number of pictures over which the mean is taken; they span about 20 s.
-const AVERAGED: f64 = 180.0;
 /// Number of points in each direction that are averaged.
 const POINTS: usize = 5;
-/// Displacement up to which the mean position is that of the keyframe, px. It is within the noise of keypoints.
-const NOT_DISPLACED_PX: f64 = 0.5;
 
 /// The mean position of the last pictures on a keyframe. A camera that sways has about the same mean position in all
 /// clips.

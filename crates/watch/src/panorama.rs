@@ -13,6 +13,7 @@ use roadplane_base::{FrameStamp, Homography, ImageSize, PictureMotion, Registere
 use crate::reference::{Prepared, Reference};
 use crate::registration::{Fit, LensMean, Registered, picture_box};
 use crate::search::{refined, search};
+use crate::view::NOT_DISPLACED_PX;
 use crate::{SmallGrey, View};
 
 /// Smallest number of blocks with structure that a keyframe needs.
@@ -34,9 +35,6 @@ const CHAIN_ERROR: f64 = 1.0;
 const FOLLOWED_SHIFT: f64 = 0.05;
 /// Step of the distortion by which the change of a homography is converted to pixels of the frame (dimensionless).
 const DISTORTION_STEP: f64 = 1e-3;
-/// Displacement up to which a picture counts as not displaced, px of the frame. It is within the noise of boxes and
-/// keypoints.
-const NOT_DISPLACED_PX: f64 = 0.5;
 /// Largest number of keyframes. The one that was used least recently is dropped.
 const MAX_KEYFRAMES: usize = 24;
 /// Number of keyframes that are tried first when the camera is lost, the most recently used first.
@@ -167,8 +165,8 @@ impl Panorama {
         Some(View::new(Some(keyframe), motion, size))
     }
 
-    /// Returns the motion of the undistorted picture from one pose to another, px of the reduced picture from its middle.
-    /// `None` if nothing links the two, or if one of their keyframes was dropped.
+    /// Returns the motion of the undistorted picture from one pose to another, px of the reduced picture from its
+    /// middle. `None` if nothing links the two, or if one of their keyframes was dropped.
     pub(crate) fn between(&self, from: &Pose, to: &Pose) -> Option<Homography> {
         if from.keyframe == to.keyframe {
             return Some(from.picture_from_keyframe.inverse().then(&to.picture_from_keyframe));

@@ -44,7 +44,7 @@ const LONG_MOTION_S: f64 = 4.0;
 /// A move is called a zoom if the absolute logarithm of its scale factor exceeds this value.
 const ZOOM: f64 = 0.01;
 /// Largest number of pictures over which the mean position of a shaken camera is averaged; they span about 20 s.
-const AVERAGED: f64 = 180.0;
+pub(crate) const AVERAGED: f64 = 180.0;
 
 /// A picture and its displacement from a pose.
 #[derive(Clone, Copy, Debug)]
@@ -220,7 +220,8 @@ impl Place<'_> {
         })
     }
 
-    /// Returns the displacement of a picture from a pose. It is measured from `origin`, the mean shift of earlier pictures.
+    /// Returns the displacement of a picture from a pose. It is measured from `origin`, the mean shift of earlier
+    /// pictures.
     fn placed(
         &self,
         stamp: FrameStamp,

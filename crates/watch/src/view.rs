@@ -7,6 +7,10 @@ use roadplane_base::{ImageSize, PictureMotion};
 use crate::SmallGrey;
 use crate::level::resampled;
 
+/// Displacement up to which a picture counts as not displaced, px of the frame. It is within the noise of boxes and
+/// keypoints.
+pub(crate) const NOT_DISPLACED_PX: f64 = 0.5;
+
 /// How a picture shows a keyframe of the place: an earlier picture on which it is registered.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
@@ -83,8 +87,8 @@ impl View {
         parts.into_iter().filter(|[x0, y0, x1, y1]| x1 - x0 >= least_px && y1 - y0 >= least_px).collect()
     }
 
-    /// Returns the reduced picture as it lies on the keyframe, by bilinear interpolation. Pixels that the picture does not
-    /// show have the values of `outside`.
+    /// Returns the reduced picture as it lies on the keyframe, by bilinear interpolation. Pixels that the picture does
+    /// not show have the values of `outside`.
     #[must_use]
     pub fn laid(&self, small: &SmallGrey, outside: &SmallGrey) -> SmallGrey {
         if !self.is_displaced() {

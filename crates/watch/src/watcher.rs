@@ -9,10 +9,9 @@ use crate::blind::Blindness;
 use crate::panorama::Panorama;
 use crate::position::{CameraState, Position};
 use crate::reference::Prepared;
+use crate::view::NOT_DISPLACED_PX;
 use crate::{SmallGrey, View, WatchError};
 
-/// Smallest shake that is reported, px of the frame. A smaller shake is within the noise of boxes and keypoints.
-const LEAST_OFFSET_PX: f64 = 0.5;
 /// Interval after which new pictures of the place replace the old ones, s. The intervals are counted from the start of
 /// the input.
 const MINUTE_S: f64 = 60.0;
@@ -36,12 +35,12 @@ pub struct Observation {
 
 /// The pictures of the place, and the position of the camera on them.
 #[derive(Clone, Debug, Default)]
-struct Sight {
+struct PlaceState {
     panorama: Panorama,
     position: Position,
 }
 
-impl Sight {
+impl PlaceState {
     /// Registers a picture, and determines the state of the camera.
     fn settle(
         &mut self,
@@ -58,9 +57,9 @@ impl Sight {
 #[derive(Clone, Debug, Default)]
 pub struct Watcher {
     blindness: Blindness,
-    now: Sight,
-    /// The next minute's number, and what is prepared for it.
-    next: Option<(u64, Sight)>,
+    now: PlaceState,
+    /// The next minute's number, and the state that is prepared for it.
+    next: Option<(u64, PlaceState)>,
     /// View of the last picture that was not blind.
     view: Option<View>,
     /// Whether a new minute has just begun.
@@ -103,7 +102,7 @@ impl Watcher {
             let (motion, state) = self.settle(stamp, &small, &Prepared::of(&small));
             (record.motion, record.verdict, record.moved) = (motion, state.verdict, state.moved);
             let offset = state.shift * small.factor as f64;
-            if offset.norm() >= LEAST_OFFSET_PX {
+            if offset.norm() >= NOT_DISPLACED_PX {
                 record.offset_px = [offset.x, offset.y].map(|v| (v * 100.0).round() / 100.0);
             }
         }
@@ -147,7 +146,7 @@ impl Watcher {
         }
         let (mut motion, state) = self.now.settle(stamp, small, picture);
         if stamp.time_s() - minute as f64 * MINUTE_S >= MINUTE_S - RENEW_S {
-            let (_, next) = self.next.get_or_insert((minute + 1, Sight::default()));
+            let (_, next) = self.next.get_or_insert((minute + 1, PlaceState::default()));
             motion.extend(next.settle(stamp, small, picture).0);
         }
         (motion, state)

@@ -1,8 +1,8 @@
 //! Converts the evidence of a clip to the picture that the camera database keeps of the scene, and back.
 //!
-//! A clip's camera is that of its world picture, the first reference of a place. The camera database compares pictures of
-//! the empty scene. Such a picture shows the last part of the clip, at the mean position of a camera that sways. So the
-//! evidence is that of the camera which takes this picture.
+//! A clip's camera is that of its world picture, the first reference of a place. The camera database compares pictures
+//! of the empty scene. Such a picture shows the last part of the clip, at the mean position of a camera that sways. So
+//! the evidence is that of the camera which takes this picture.
 
 use nalgebra::Vector2;
 use roadplane_base::{
@@ -37,8 +37,8 @@ impl EmptySceneView {
         Some(Self { scene_from_world, centre_px: size.centre_px() })
     }
 
-    /// Converts evidence on the camera of the world picture to the camera of the empty scene. `None` if the motion between
-    /// the two is no turn.
+    /// Converts evidence on the camera of the world picture to the camera of the empty scene. `None` if the motion
+    /// between the two is no turn.
     pub(crate) fn evidence(&self, said: CameraEvidence) -> Option<CameraEvidence> {
         if self.scene_from_world.is_identity() {
             return Some(said);
@@ -62,8 +62,8 @@ impl EmptySceneView {
         })
     }
 
-    /// Converts a window of the camera of the empty scene to the camera of the world picture. `None` if the motion between
-    /// the two is no turn.
+    /// Converts a window of the camera of the empty scene to the camera of the world picture. `None` if the motion
+    /// between the two is no turn.
     pub(crate) fn window_in_world(&self, window: &WindowEstimate) -> Option<WindowEstimate> {
         if self.scene_from_world.is_identity() {
             return Some(window.clone());

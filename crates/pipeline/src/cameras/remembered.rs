@@ -12,8 +12,8 @@ use crate::cameras::memory::{CameraHistory, look};
 
 /// Returns the evidence of the camera's last position, and the identities of its parked vehicles.
 ///
-/// It is evidence on the camera that takes the picture of the empty scene (`view`). `None` where the camera drifted or moved
-/// without a verdict, or where the picture shows another position.
+/// It is evidence on the camera that takes the picture of the empty scene (`view`). `None` where the camera drifted or
+/// moved without a verdict, or where the picture shows another position.
 pub(crate) fn evidence_of(
     recall: &CameraHistory,
     windows: &[WindowEstimate],
@@ -75,8 +75,8 @@ pub(crate) fn own_epoch<'a, 'b>(
     epoch
 }
 
-/// Inserts the evidence of other clips before this clip's windows of the camera's last position. `view` is the view of this
-/// clip's picture of the empty scene.
+/// Inserts the evidence of other clips before this clip's windows of the camera's last position. `view` is the view of
+/// this clip's picture of the empty scene.
 ///
 /// Vehicles that are parked as in an earlier clip get the identity of the stored vehicle.
 pub(crate) fn add_remembered(

@@ -221,7 +221,7 @@ fn stream_input(
 }
 
 /// Writes the background image to `background.png`. `background.json` gets, for each cell of the image, the time when
-/// the cell was last free of vehicles.
+/// the cell was last free of vehicles, and the index of the frame whose pixels the image has.
 fn write_background(folder: &Path, background: &Background) -> Result<(), PipelineError> {
     let mut png = Vec::new();
     let encoder = PngEncoder::new(&mut png);
@@ -231,6 +231,7 @@ fn write_background(folder: &Path, background: &Background) -> Result<(), Pipeli
     file.finish()?;
     let ages = serde_json::json!({
         "schema": "roadplane.background/1",
+        "frame": background.keyframe(),
         "cell_px": background.cell_px(),
         "last_bare_s": background.bare_s(),
     });
