@@ -1,8 +1,8 @@
 //! Selects the views that go into a window's joint solve.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
-use roadplane_base::{CarRecord, FrameRecord, ImageSize, KeypointSet, VehicleClass, bbox_centre};
+use roadplane_base::{CarRecord, FrameRecord, ImageSize, KeypointSet, VehicleClass, bbox_centre, bbox_iou};
 
 use crate::{
     LinkId,
@@ -66,6 +66,8 @@ impl Default for SelectOptions {
 const FULL_SIDE_PX: f64 = 150.0;
 /// Least number of frames of a certain car. Views of other cars come last, and only until there are enough views.
 const SURELY_A_CAR: usize = 10;
+/// Least overlap (IoU) of two boxes of a stationary car, in different frames.
+const SAME_PLACE: f64 = 0.6;
 /// Distance of a box from the picture's border up to which it may be cut off, px.
 const NEAR_PX: f64 = 2.5;
 /// Number of cells per axis of the grid over which views are spread.
@@ -81,6 +83,13 @@ struct Candidate {
     cell: (u8, u8),
 }
 
+impl Candidate {
+    /// Whether two views show the same place.
+    fn is_in_place_of(&self, other: &Self) -> bool {
+        bbox_iou(&self.view.look.bbox_px, &other.view.look.bbox_px) >= SAME_PLACE
+    }
+}
+
 /// Collects the views of a window.
 pub struct ViewSelector {
     /// Options that it was created with.
@@ -89,6 +98,8 @@ pub struct ViewSelector {
     open: BTreeMap<LinkId, Stretch>,
     /// Complete views of the current window.
     candidates: Vec<Candidate>,
+    /// Cars that left the place of an earlier view in this window.
+    moved: BTreeSet<LinkId>,
     /// Number of frames of this window in which each car was found or carried over.
     seen: BTreeMap<LinkId, usize>,
     /// Size of the last frame's picture.
@@ -99,7 +110,14 @@ impl ViewSelector {
     /// Creates a selector with these options.
     #[must_use]
     pub fn new(options: SelectOptions) -> Self {
-        Self { options, open: BTreeMap::new(), candidates: Vec::new(), seen: BTreeMap::new(), image: None }
+        Self {
+            options,
+            open: BTreeMap::new(),
+            candidates: Vec::new(),
+            moved: BTreeSet::new(),
+            seen: BTreeMap::new(),
+            image: None,
+        }
     }
 
     /// Takes the next frame with the identifiers of its cars (see [`Linker`](crate::Linker)).
@@ -113,6 +131,7 @@ impl ViewSelector {
                 _ => {
                     if let Some(left) = self.open.insert(link, Stretch::new(look)) {
                         self.close(link, &left);
+                        self.moved.insert(link);
                     }
                 }
             }
@@ -131,6 +150,7 @@ impl ViewSelector {
         }
         let chosen = self.best(self.options.max_views, self.options.enough_views);
         self.candidates.clear();
+        self.moved.clear();
         self.seen.clear();
         let mut of_link: BTreeMap<LinkId, f64> = BTreeMap::new();
         for candidate in &chosen {
@@ -217,6 +237,9 @@ impl ViewSelector {
                 break;
             };
             let candidate = left.remove(index);
+            // A stationary car that is found now and then gets a new identifier each time. It counts once.
+            let stays = |c: &Candidate| !self.moved.contains(&c.link);
+            left.retain(|other| !(stays(&candidate) && stays(other) && candidate.is_in_place_of(other)));
             *of_car.entry(candidate.link).or_default() += 1;
             *of_cell.entry(candidate.cell).or_default() += 1;
             chosen.push(candidate);

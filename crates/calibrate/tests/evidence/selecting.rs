@@ -95,3 +95,26 @@ fn what_is_found_once_comes_after_what_is_found_again_and_only_until_there_is_en
         assert_eq!((again, views.len() - again), (of_cars, of_others), "{row} cars a row");
     }
 }
+
+#[test]
+fn a_stationary_car_that_is_found_now_and_then_counts_once() {
+    let mut random = Rng::new(1);
+    let mut selector = ViewSelector::new(SelectOptions::default());
+    // One car is found every few seconds, with a new identifier each time.
+    for i in 0..8 {
+        let found = still(300.0 + 4.0 * (i % 3) as f64, 200.0, 150.0);
+        selector.push(&frame(i, 4.0 * i as f64, &[found], 2.0, 0.5, &mut random), &[i]);
+    }
+    assert_eq!(selector.take().len(), 1);
+    // Other cars drive through the same place, and each counts.
+    for i in 0..12 {
+        let left = [100.0, 300.0, 500.0][(i % 3) as usize];
+        selector.push(
+            &frame(i, 4.0 * i as f64, &[still(left, 200.0, 150.0)], 2.0, 0.5, &mut random),
+            &[100 + i / 3],
+        );
+    }
+    let views = selector.take();
+    let cars: BTreeSet<u64> = views.iter().map(|view| view.link).collect();
+    assert_eq!((cars.len(), views.len()), (4, 12));
+}
