@@ -237,7 +237,7 @@ impl ViewSelector {
                 break;
             };
             let candidate = left.remove(index);
-            // A stationary car that is found now and then gets a new identifier each time. It counts once.
+            // A stationary car that is found only in some pictures gets new identifiers. It counts once.
             let stays = |c: &Candidate| !self.moved.contains(&c.link);
             left.retain(|other| !(stays(&candidate) && stays(other) && candidate.is_in_place_of(other)));
             *of_car.entry(candidate.link).or_default() += 1;

@@ -97,7 +97,7 @@ fn what_is_found_once_comes_after_what_is_found_again_and_only_until_there_is_en
 }
 
 #[test]
-fn a_stationary_car_that_is_found_now_and_then_counts_once() {
+fn a_stationary_car_that_is_found_in_some_pictures_counts_once() {
     let mut random = Rng::new(1);
     let mut selector = ViewSelector::new(SelectOptions::default());
     // One car is found every few seconds, with a new identifier each time.
