@@ -65,7 +65,10 @@ fn pieces_joined_are_the_whole_byte_for_byte() {
     refused(join(&folders[..2], &[]), "after this one are missing");
     refused(join(&folders, &["--set", "track.gate=9"]), "another configuration");
     let [first, second, third] = &folders[..] else { unreachable!() };
-    join(&[third.clone(), first.clone(), second.clone()], &["--frames"]).code(0);
+    let cameras = at("cameras").display().to_string();
+    let stored = ["--frames", "--cameras", &cameras, "--camera-id", "night"];
+    join(&[third.clone(), first.clone(), second.clone()], &stored).code(0);
+    assert!(at("joined/night/evidence.json").is_file(), "the last piece shows the camera's last position");
     for file in ["frames.jsonl", "camera.json", "poses.jsonl", "tracks.csv", "activities.jsonl"] {
         let of = |out: &str| std::fs::read(at(out).join("night").join(file)).unwrap();
         assert!(!of("whole").is_empty() && of("joined") == of("whole"), "{file}");

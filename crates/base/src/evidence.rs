@@ -10,8 +10,9 @@ pub const EVIDENCE_SCHEMA: &str = "roadplane.evidence/1";
 
 /// Information that one clip gives on its camera.
 ///
-/// If the camera was moved during the clip, the record describes only the last camera position. The record contains no
-/// prior and no information from other clips. Therefore the records of several clips can be combined in any order.
+/// If the camera was moved during the clip, the record describes the camera that takes the picture `place`, at the end
+/// of the clip. Pixels are those of this picture. The record contains no prior and no information from other clips.
+/// Therefore the records of several clips can be combined in any order.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct CameraEvidence {
     /// Schema id, which must be [`EVIDENCE_SCHEMA`].

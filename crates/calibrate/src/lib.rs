@@ -56,7 +56,7 @@ pub use places::{Places, PlacesBuilder};
 pub use prior::FusePrior;
 pub use remember::{Epoch, SameView, epochs, joins, same_vehicle};
 pub use select::{SelectOptions, View, ViewSelector};
-pub use turned_camera::{turned_camera, turned_information};
+pub use turned_camera::turned_information;
 pub use turned_lens::{TurnedLens, TurnedLensBuilder};
 pub use turns::Turns;
 pub use verticals::{Verticals, verticals};

@@ -84,7 +84,7 @@ impl RoiScheduler {
     pub fn carried_over(&self) -> Vec<CarRecord> {
         let Some(view) = &self.view else { return Vec::new() };
         let carried_over = self.tracked.iter().filter(|vehicle| vehicle.is_carried_over());
-        carried_over.map(|vehicle| carried_over_record(vehicle, view)).collect()
+        carried_over.filter_map(|vehicle| carried_over_record(vehicle, view)).collect()
     }
 
     /// Detects the vehicles of an inference frame.
@@ -130,7 +130,7 @@ impl RoiScheduler {
                 self.tracked.clear();
                 (self.frames, self.cut) = (0, Vec::new());
                 self.idle_until.clear();
-                grid
+                ChangeMap::new(&view.laid(&observation.small, &observation.small))
             }
         };
         let changed = map.changed(&observation.small, &view, time_s);
@@ -165,7 +165,7 @@ impl RoiScheduler {
         let mut cars: Vec<CarRecord> =
             on_keyframe.iter().map(|car| with_box(car, view.in_picture(&car.bbox_px))).collect();
         for vehicle in self.tracked.iter().filter(|v| v.is_carried_over() && v.seen_frame != stamp.index) {
-            let record = carried_over_record(vehicle, &view);
+            let Some(record) = carried_over_record(vehicle, &view) else { continue };
             // A detection replaces a carried-over vehicle in the same position.
             if !cars.iter().any(|car| detector.options().are_one(&car.bbox_px, &record.bbox_px)) {
                 cars.push(record);
@@ -242,7 +242,9 @@ impl RoiScheduler {
                 due.insert_box(&vehicle.bbox_px);
             }
         }
-        let mut areas: Vec<[f64; 4]> = due.groups().iter().map(|area| view.in_picture(area)).collect();
+        let groups = due.groups();
+        let in_picture = groups.iter().map(|area| view.in_picture(area));
+        let mut areas: Vec<[f64; 4]> = in_picture.filter(|area| view.is_in_view(area)).collect();
         areas.extend(view.new_parts(changed.side_px as f64));
         if let Some(mut core) = scan {
             for vehicle in &self.tracked {
@@ -301,14 +303,17 @@ fn with_box(car: &CarRecord, bbox_px: [f64; 4]) -> CarRecord {
     CarRecord { bbox_px: bbox_px.map(|v| (v * 100.0).round() / 100.0), ..car.clone() }
 }
 
-fn carried_over_record(vehicle: &TrackedBox, view: &View) -> CarRecord {
+/// Returns the record of a vehicle that is carried over; `None` if less than half of its box is in view.
+fn carried_over_record(vehicle: &TrackedBox, view: &View) -> Option<CarRecord> {
     let car = CarRecord {
         score: vehicle.score,
         class: vehicle.class(),
         held_since: Some(vehicle.seen_frame),
         ..CarRecord::boxed(vehicle.bbox_px)
     };
-    with_box(&car, view.in_picture(&vehicle.bbox_px))
+    let bbox_px = view.in_picture(&vehicle.bbox_px);
+    let shown = if view.is_displaced() { view.visible(&bbox_px)? } else { bbox_px };
+    Some(with_box(&car, shown))
 }
 
 #[cfg(test)]

@@ -12,7 +12,6 @@ use roadplane_track::{Evidence, Join, Track};
 use roadplane_write::{FrameReader, PoseLines, RunStatus, read_jsonl};
 
 use crate::cameras::camera_track::CameraTrack;
-use crate::cameras::empty_scene_view::EmptySceneView;
 use crate::cameras::estimate::{estimate_cameras, optics_of};
 use crate::cameras::known::{contradiction, in_first_picture};
 use crate::cameras::memory::CameraHistory;
@@ -53,8 +52,6 @@ pub struct ClipSolution {
     pub not_followed: NotFollowed,
     /// Motion of the camera.
     pub views: Views,
-    /// View of the picture of the empty scene; `None` if it does not show the last position of the camera.
-    pub(crate) empty_scene: Option<EmptySceneView>,
     /// Warnings about the result, for the user.
     pub warnings: Vec<String>,
 }
@@ -189,12 +186,9 @@ pub(crate) fn solve_constrained_clip(
             follow.add(frame);
         }
     });
-    let mut cameras = estimate_cameras(counted, &optics, atlas, &constraints, history, config)?;
+    let mut cameras =
+        estimate_cameras(counted, &optics, atlas, &constraints, history, given.empty_scene, config)?;
     let mut warnings = warnings_of(&cameras);
-    let size = cameras.estimates().first().map(|first| first.image_size_px);
-    let empty_scene = size.and_then(|size| {
-        EmptySceneView::of(given.empty_scene, &optics.places, cameras.last_position(), size)
-    });
     let placed = site.as_ref().map(|site| cameras.put_on_map(site)).transpose();
     if let Err(why) = &placed {
         warnings.push(format!("the camera is not put on the map: {why}"));
@@ -288,7 +282,6 @@ pub(crate) fn solve_constrained_clip(
         tally,
         not_followed,
         views: motion,
-        empty_scene,
         warnings,
     })
 }

@@ -1,5 +1,6 @@
 //! Perception: reads the frames of an input and writes one JSON line per frame. Each stage has its own thread.
 
+pub(crate) mod backgrounds;
 pub(crate) mod cadence;
 pub(crate) mod cpu;
 pub(crate) mod flow;

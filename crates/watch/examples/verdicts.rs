@@ -15,10 +15,14 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut input = open(path.as_ref(), &DecodeOptions { stride, ..DecodeOptions::default() })?;
     let mut watcher = Watcher::new();
     let mut map: Option<ChangeMap> = None;
+    let mut keyframe = None;
     let (mut last, mut shares, mut furthest, mut busy_s) = (None, Vec::new(), 0.0_f64, 0.0);
     while let Some(frame) = input.next_frame()? {
         let started = std::time::Instant::now();
         let seen = watcher.observe(frame.stamp, &frame.image)?;
+        if seen.view.map(|view| view.keyframe) != keyframe {
+            (keyframe, map) = (seen.view.map(|view| view.keyframe), None);
+        }
         let map = map.get_or_insert_with(|| ChangeMap::new(&seen.small));
         let changed = match &seen.view {
             Some(view) => {

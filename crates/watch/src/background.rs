@@ -2,7 +2,7 @@
 
 use image::RgbImage;
 use nalgebra::Vector2;
-use roadplane_base::{Homography, Registration};
+use roadplane_base::{ImageSize, Registration};
 
 use crate::mean_view::MeanView;
 use crate::{Cells, View};
@@ -19,6 +19,8 @@ pub struct Background {
     picture: RgbImage,
     /// Index of the keyframe's frame.
     keyframe: Option<u64>,
+    /// Index of the frame on which the first picture is registered.
+    reference: Option<u64>,
     /// Mean position of the pictures on the keyframe.
     mean: MeanView,
     grid: Cells,
@@ -41,9 +43,9 @@ impl Background {
     #[must_use]
     pub fn new(picture: &RgbImage, view: &View, grid: Cells) -> Self {
         let cells = grid.columns * grid.rows;
-        let (picture_of_keyframe, mean) = (picture.clone(), MeanView::default());
-        let (keyframe, bare_s) = (view.keyframe, vec![None; cells]);
-        let mut background = Self { picture: picture_of_keyframe, keyframe, mean, grid, bare_s };
+        let View { keyframe, reference, .. } = *view;
+        let (mean, bare_s) = (MeanView::default(), vec![None; cells]);
+        let mut background = Self { picture: picture.clone(), keyframe, reference, mean, grid, bare_s };
         if view.is_displaced() {
             for cell in 0..cells {
                 let (column, row) = (cell % background.grid.columns, cell / background.grid.columns);
@@ -51,6 +53,12 @@ impl Background {
             }
         }
         background
+    }
+
+    /// Returns the number of cells that were empty at some time.
+    #[must_use]
+    pub fn bare_count(&self) -> usize {
+        self.bare_s.iter().flatten().count()
     }
 
     /// Returns the index of the keyframe's frame; see [`View::keyframe`].
@@ -65,7 +73,7 @@ impl Background {
         if picture.dimensions() != self.picture.dimensions() {
             return;
         }
-        self.mean.add(view);
+        self.mean.add(view, time_s);
         for row in 0..self.grid.rows {
             for column in 0..self.grid.columns {
                 let cell = row * self.grid.columns + column;
@@ -120,17 +128,16 @@ impl Background {
     /// Returns the background as the mean position of the last pictures shows it.
     #[must_use]
     pub fn empty_scene(&self) -> EmptyScene {
-        let homography = self.mean.homography();
+        let registration = self.reference.map(|reference| self.mean.registration(reference));
         let mut picture = self.picture.clone();
-        if let Some(keyframe_from_mean) = homography.map(|mean| mean.inverse()) {
+        if let Some(mean) = registration.filter(|mean| mean.homography.is_some()) {
+            let size = ImageSize { width: picture.width(), height: picture.height() };
+            let keyframe_from_mean = mean.picture_from_reference(size).inverse();
             for (x, y, pixel) in picture.enumerate_pixels_mut() {
                 let at = keyframe_from_mean.apply(&Vector2::new(f64::from(x), f64::from(y)));
                 pixel.0 = interpolated(&self.picture, &at);
             }
         }
-        let homography = homography.map(|mean| Homography::rounded(mean.numbers()));
-        let registration =
-            self.keyframe.map(|reference| Registration { reference, homography, sd_px: 0.0, lens: None });
         EmptyScene { picture, registration }
     }
 

@@ -38,6 +38,7 @@ const ABOVE: f32 = 1.25;
 const MOST_NUISANCE: f32 = 12.0;
 /// Time constant with which a cell's nuisance level (see [`LEARN`]) decays, s.
 const FADE_S: f64 = 15.0;
+
 /// A set of cells in a grid over the picture, or over a keyframe.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Cells {
@@ -185,7 +186,7 @@ pub struct ChangeMap {
     factor: usize,
     /// The last picture, as it lies on the keyframe.
     laid: SmallGrey,
-    /// The content of each cell in the last picture but one that showed the whole cell.
+    /// The content of each cell in the last picture that showed the whole cell.
     before: SmallGrey,
     /// The content of each cell at the detector's last inspection. Different cells may come from different pictures.
     inspected: SmallGrey,

@@ -94,7 +94,7 @@ impl Smoothed {
     }
 }
 
-/// The background of a camera at rest, at one size.
+/// A picture of the place, at one size. It adapts to later pictures.
 #[derive(Clone, Debug)]
 pub(crate) struct Level {
     width: usize,

@@ -4,8 +4,8 @@
 //! # Contents
 //! ```text
 //! RgbImage → SmallGrey      reduced grey copy; its longer side is at most 480 px           (small.rs)
-//!          → Level          the background at one size; each block measures its shift      (level.rs)
-//!          → Reference      the background at two sizes, for larger shifts                 (reference.rs)
+//!          → Level          a picture of the place at one size; each block measures its shift     (level.rs)
+//!          → Reference      a picture of the place at two sizes, for larger shifts            (reference.rs)
 //!          → Alignment      shift, scale and rotation that fit the shifts of most blocks   (alignment.rs)
 //!          → Panorama       pose of the picture on keyframes of the place      (registration.rs, panorama.rs)
 //!          → Watcher        the verdict: at rest, moving, black, covered, …   (watcher.rs, position.rs, blind.rs)

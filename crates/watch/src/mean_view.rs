@@ -1,54 +1,65 @@
 //! The mean position of the pictures on a keyframe.
 
-use nalgebra::Vector2;
-use roadplane_base::Homography;
+use roadplane_base::{Homography, RegisteredLens, Registration};
 
 use crate::View;
-use crate::position::AVERAGED;
-use crate::view::NOT_DISPLACED_PX;
 
-/// Number of points in each direction that are averaged.
-const POINTS: usize = 5;
+/// Time over which the mean is taken, s.
+const AVERAGED_S: f64 = 20.0;
 
 /// The mean position of the last pictures on a keyframe. A camera that sways has about the same mean position in all
 /// clips.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct MeanView {
-    /// Points of the keyframe and their mean positions in the pictures, px.
-    points: Vec<(Vector2<f64>, Vector2<f64>)>,
-    /// Number of pictures in the mean, at most [`AVERAGED`].
-    averaged: f64,
+    /// Mean numbers of the homographies from the keyframe to the pictures.
+    numbers: [f64; 8],
+    /// Mean distortion of the displaced pictures, and their number.
+    distortion: (f64, f64),
+    /// Time that the mean covers, at most [`AVERAGED_S`], and the time of the last picture, s.
+    covered: Option<(f64, f64)>,
 }
 
 impl MeanView {
-    /// Adds the next picture.
-    pub(crate) fn add(&mut self, view: &View) {
-        if self.points.is_empty() {
-            let [left, top, right, bottom] = view.picture_px();
-            let at = |i: usize, from: f64, to: f64| from + (to - from) * i as f64 / (POINTS - 1) as f64;
-            let point = |i: usize| Vector2::new(at(i % POINTS, left, right), at(i / POINTS, top, bottom));
-            self.points = (0..POINTS * POINTS).map(|i| (point(i), point(i))).collect();
-        }
-        self.averaged = (self.averaged + 1.0).min(AVERAGED);
-        for (point, mean) in &mut self.points {
-            *mean += (view.picture_from_keyframe.apply(point) - *mean) / self.averaged;
+    /// Adds the next picture. It counts for the time since the last one.
+    pub(crate) fn add(&mut self, view: &View, time_s: f64) {
+        let share = match self.covered {
+            None => {
+                self.covered = Some((0.0, time_s));
+                1.0
+            }
+            Some((covered_s, last_s)) => {
+                let elapsed_s = (time_s - last_s).max(0.0);
+                let covered_s = (covered_s + elapsed_s).min(AVERAGED_S);
+                self.covered = Some((covered_s, time_s));
+                if covered_s > 0.0 { elapsed_s / covered_s } else { 0.0 }
+            }
+        };
+        let numbers = view.picture_from_keyframe.homography.numbers();
+        self.numbers.iter_mut().zip(numbers).for_each(|(mean, number)| *mean += (number - *mean) * share);
+        if view.is_displaced() {
+            let (mean, count) = &mut self.distortion;
+            *count += 1.0;
+            *mean += (view.distortion() - *mean) / *count;
         }
     }
 
-    /// Returns the homography from the keyframe to the mean position, px. `None` if it is not displaced.
-    pub(crate) fn homography(&self) -> Option<Homography> {
-        let unit = self.points.last()?.0.norm().max(1.0);
-        let pairs = self.points.iter().map(|(point, mean)| (point / unit, mean / unit, 1.0));
-        let (found, _) = Homography::fit(pairs, None)?;
-        let found = found.in_coordinates(unit, Vector2::zeros());
-        let off = |(point, _): &(Vector2<f64>, _)| (found.apply(point) - point).norm() > NOT_DISPLACED_PX;
-        self.points.iter().any(off).then_some(found)
+    /// Returns the registration of the mean position on the frame `reference`.
+    pub(crate) fn registration(&self, reference: u64) -> Registration {
+        let mean = Homography::from_numbers(self.numbers).unwrap_or(Homography::IDENTITY);
+        let is_displaced = self.distortion.1 > 0.0;
+        Registration {
+            reference,
+            homography: is_displaced.then(|| mean.rounded_numbers()),
+            sd_px: 0.0,
+            lens: is_displaced.then(|| RegisteredLens { bend: self.distortion.0, sd: 0.0, change: [0.0; 8] }),
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Vector2;
     use roadplane_base::{ImageSize, Lens, PictureMotion};
 
     #[test]
@@ -58,12 +69,14 @@ mod tests {
         for i in 0..300 {
             let x = 7.0 + 12.0 * (0.2 * f64::from(i)).sin();
             let shift = Homography::from_numbers([1.0, 0.0, x, 0.0, 1.0, -2.0, 0.0, 0.0]).unwrap();
-            mean.add(&View::new(Some(0), PictureMotion::new(shift, Lens::STRAIGHT, size), size));
+            let view = View::new(Some(0), PictureMotion::new(shift, Lens::STRAIGHT, size), size);
+            mean.add(&view, 0.1 * f64::from(i));
         }
-        let at = mean.homography().unwrap().apply(&Vector2::new(100.0, 200.0));
+        let motion = mean.registration(0).picture_from_reference(size);
+        let at = motion.apply(&Vector2::new(100.0, 200.0));
         assert!((at - Vector2::new(107.0, 198.0)).norm() < 1.0, "{at}");
         let mut rest = MeanView::default();
-        rest.add(&View::new(Some(0), PictureMotion::IDENTITY, size));
-        assert!(rest.homography().is_none());
+        rest.add(&View::new(Some(0), PictureMotion::IDENTITY, size), 0.0);
+        assert!(rest.registration(0).homography.is_none());
     }
 }

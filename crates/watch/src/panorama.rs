@@ -154,7 +154,7 @@ impl Panorama {
     }
 
     /// Returns how the last picture, with these registrations, shows the current keyframe. `None` if it lies on no
-    /// keyframe.
+    /// keyframe, though there is one.
     pub(crate) fn view(&self, registrations: &[Registration], size: ImageSize) -> Option<View> {
         if self.keyframes.is_empty() {
             return Some(View::new(None, PictureMotion::IDENTITY, size));

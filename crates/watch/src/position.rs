@@ -44,7 +44,7 @@ const LONG_MOTION_S: f64 = 4.0;
 /// A move is called a zoom if the absolute logarithm of its scale factor exceeds this value.
 const ZOOM: f64 = 0.01;
 /// Largest number of pictures over which the mean position of a shaken camera is averaged; they span about 20 s.
-pub(crate) const AVERAGED: f64 = 180.0;
+const AVERAGED: f64 = 180.0;
 
 /// A picture and its displacement from a pose.
 #[derive(Clone, Copy, Debug)]
@@ -137,6 +137,12 @@ impl Position {
             _ => Vector2::zeros(),
         };
         CameraState { verdict, moved, shift }
+    }
+
+    /// Whether the last picture shows the place of the camera's position.
+    pub(crate) fn is_shown(&self, panorama: &Panorama) -> bool {
+        let here = self.pose.zip(panorama.pose());
+        here.is_some_and(|(own, pose)| panorama.between(&own, &pose).is_some())
     }
 
     /// Returns the verdict on the last picture, and the move that it shows.
@@ -298,7 +304,8 @@ impl Candidate {
     fn holds(&self, now: FrameStamp, moved: f64) -> bool {
         let Some(first) = self.pictures.first() else { return false };
         let age_s = now.time_s() - first.stamp.time_s();
-        if age_s < HOLD_S || self.pictures.len() < HOLD_PICTURES {
+        let is_registered = self.pictures.last().is_some_and(|last| last.alignment.is_some());
+        if age_s < HOLD_S || self.pictures.len() < HOLD_PICTURES || !is_registered {
             return false;
         }
         let middle_of = |pictures: &[Placed]| {

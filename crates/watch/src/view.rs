@@ -2,7 +2,7 @@
 
 use image::RgbImage;
 use nalgebra::Vector2;
-use roadplane_base::{ImageSize, PictureMotion};
+use roadplane_base::{ImageSize, PictureMotion, bbox_share_inside};
 
 use crate::SmallGrey;
 use crate::level::resampled;
@@ -15,8 +15,11 @@ pub(crate) const NOT_DISPLACED_PX: f64 = 0.5;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     /// Index of the keyframe's frame. `None` if the pictures have too little structure for a keyframe. Then the camera
-    /// counts as at rest.
+    /// counts as at rest. Where a minute begins while the camera is at rest, the new keyframe keeps the index of the old
+    /// one.
     pub keyframe: Option<u64>,
+    /// Index of the frame on which the picture is registered.
+    pub reference: Option<u64>,
     /// Mapping from pixels of the keyframe to pixels of the picture. It is the identity if the picture is not displaced.
     pub picture_from_keyframe: PictureMotion,
     /// Mapping in the other direction.
@@ -29,7 +32,7 @@ impl View {
     #[must_use]
     pub fn new(keyframe: Option<u64>, picture_from_keyframe: PictureMotion, size: ImageSize) -> Self {
         let keyframe_from_picture = picture_from_keyframe.inverse();
-        Self { keyframe, picture_from_keyframe, keyframe_from_picture, size }
+        Self { keyframe, reference: keyframe, picture_from_keyframe, keyframe_from_picture, size }
     }
 
     /// Creates the view of a picture that is displaced from no keyframe.
@@ -39,9 +42,9 @@ impl View {
         Self::new(None, PictureMotion::IDENTITY, size)
     }
 
-    /// Returns the picture as a box, px.
-    pub(crate) fn picture_px(&self) -> [f64; 4] {
-        self.size.picture_px()
+    /// Returns the distortion of the lens at half the picture's width (dimensionless).
+    pub(crate) fn distortion(&self) -> f64 {
+        self.picture_from_keyframe.lens.distortion(self.size)
     }
 
     /// Whether the picture is displaced from the keyframe.
@@ -62,11 +65,33 @@ impl View {
         if self.is_displaced() { self.keyframe_from_picture.apply_to_box(bbox_px) } else { *bbox_px }
     }
 
-    /// Whether the picture shows a whole box of the keyframe.
+    /// Whether any part of a box lies in the picture, px.
     #[must_use]
-    pub fn shows(&self, bbox_px: &[f64; 4]) -> bool {
+    pub fn is_in_view(&self, [x0, y0, x1, y1]: &[f64; 4]) -> bool {
+        let [width, height] = [self.size.width, self.size.height].map(f64::from);
+        *x1 > 0.0 && *y1 > 0.0 && *x0 < width && *y0 < height
+    }
+
+    /// Returns the part of a box that lies in the picture, px. `None` if it is less than half of the box.
+    #[must_use]
+    pub fn visible(&self, bbox_px: &[f64; 4]) -> Option<[f64; 4]> {
+        let [width, height] = [self.size.width, self.size.height].map(f64::from);
+        let whole = [0.0, 0.0, width, height];
+        let [x0, y0, x1, y1] = *bbox_px;
+        (bbox_share_inside(bbox_px, &whole) >= 0.5).then_some([
+            x0.max(0.0),
+            y0.max(0.0),
+            x1.min(width),
+            y1.min(height),
+        ])
+    }
+
+    /// Whether the picture shows a whole box of the keyframe. Only the part of the box inside the keyframe counts.
+    #[must_use]
+    pub fn shows(&self, [x0, y0, x1, y1]: &[f64; 4]) -> bool {
         let [left, top, right, bottom] = self.size.picture_px();
-        let [x0, y0, x1, y1] = self.in_picture(bbox_px);
+        let inside = [x0.max(left), y0.max(top), x1.min(right), y1.min(bottom)];
+        let [x0, y0, x1, y1] = self.in_picture(&inside);
         !self.is_displaced()
             || (x0 >= left - 1.0 && y0 >= top - 1.0 && x1 <= right + 1.0 && y1 <= bottom + 1.0)
     }

@@ -26,7 +26,8 @@ pub struct Observation {
     pub record: WatchRecord,
     /// The reduced grey copy of the frame.
     pub small: SmallGrey,
-    /// How the picture shows a keyframe of the place. `None` if it is registered on none.
+    /// How the picture shows a keyframe of the place. `None` if it shows another place, or none. For a blind picture, it
+    /// is that of the last picture before.
     pub view: Option<View>,
     /// Whether a new position of the camera was accepted in this frame. Earlier pictures then cannot be compared with
     /// later ones.
@@ -109,7 +110,10 @@ impl Watcher {
         let is_new_position = record.moved.is_some_and(|moved| moved.kind != MoveKind::Moving);
         if !is_blind {
             let size = ImageSize { width: image.width(), height: image.height() };
-            let view = self.now.panorama.view(&record.motion, size);
+            let PlaceState { panorama, position } = &self.now;
+            // A picture of another place may be a disturbance, until a move is accepted.
+            let view = panorama.view(&record.motion, size);
+            let view = view.filter(|view| view.keyframe.is_none() || position.is_shown(panorama));
             self.view = view.map(|view| self.renamed(view, stamp));
         }
         self.last = record.clone();

@@ -14,7 +14,7 @@ pub enum PictureVerdict {
     Rest,
     /// The camera turns or zooms, or each picture differs from the previous picture.
     Moving,
-    /// The picture differs from the background image. Only later frames show whether the camera was moved.
+    /// The picture is displaced from the camera's position. Only later frames show whether the camera was moved.
     Unsettled,
     /// The picture is black.
     Black,

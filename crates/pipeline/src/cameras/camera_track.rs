@@ -5,6 +5,8 @@ use roadplane_calibrate::SceneView;
 use roadplane_geo::{NotPlaced, Place, Site};
 use roadplane_write::ConstraintSummary;
 
+use crate::cameras::empty_scene_view::EmptySceneView;
+
 /// The estimated camera at every time of a clip.
 #[derive(Clone, Debug, Default)]
 pub struct CameraTrack {
@@ -20,6 +22,8 @@ pub struct CameraTrack {
     pub(super) known: Vec<ConstraintSummary>,
     /// Vertical lines and turns, by camera position.
     pub(super) scene: Vec<SceneView>,
+    /// View of the picture of the empty scene; `None` if it does not show the last position of the camera.
+    pub(super) empty_scene: Option<EmptySceneView>,
 }
 
 /// An interval in which the camera is at one position.
@@ -97,6 +101,11 @@ impl CameraTrack {
     #[must_use]
     pub fn scene(&self) -> &[SceneView] {
         &self.scene
+    }
+
+    /// Returns the view of the picture of the empty scene; `None` if it does not show the last position of the camera.
+    pub(crate) fn empty_scene(&self) -> Option<&EmptySceneView> {
+        self.empty_scene.as_ref()
     }
 
     /// Returns the index of the last camera position, from 0.

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use roadplane_base::{CameraEstimate, FrameRecord, ImageSize, Lens, ShapeAtlas};
+use roadplane_base::{CameraEstimate, FrameRecord, ImageSize, Lens, Registration, ShapeAtlas};
 use roadplane_calibrate::{
     Cues, EvidenceBuilder, EvidenceOptions, FuseOptions, Joined, SceneLines, Turns, Window, WindowEstimate,
     epochs, fuse, join,
@@ -42,7 +42,7 @@ pub(crate) fn optics_of(
     let first = within(FrameReader::open(frames)?, config.calibrate.window_s);
     let first = optics.convert(first.map(|frame| frame.map_err(PipelineError::from)));
     let (known, _) = known.with_frames(&BTreeMap::new());
-    let cameras = estimate_cameras(first, &optics, atlas, &known, None, config)?;
+    let cameras = estimate_cameras(first, &optics, atlas, &known, None, None, config)?;
     let Some(camera) = cameras.estimates().first() else { return Ok(optics) };
     if lens.suits(camera) {
         return Ok(optics);
@@ -51,7 +51,8 @@ pub(crate) fn optics_of(
     Optics::with_lens(lens.clone().without_distortion(), frames)
 }
 
-/// Estimates the camera from all frames, its lens and motion, user constraints and the camera database.
+/// Estimates the camera from all frames, its lens and motion, user constraints and the camera database. `scene` says how
+/// the picture of the empty scene lies on the picture of an earlier frame.
 ///
 /// If nothing can be estimated the result has the status "unobservable".
 ///
@@ -63,6 +64,7 @@ pub(crate) fn estimate_cameras(
     atlas: &ShapeAtlas,
     known: &CameraConstraints,
     recall: Option<&CameraHistory>,
+    scene: Option<&Registration>,
     config: &Config,
 ) -> Result<CameraTrack, PipelineError> {
     let lens = optics.lens.as_ref().map_or(Lens::STRAIGHT, LensOfClip::lens);
@@ -108,13 +110,14 @@ pub(crate) fn estimate_cameras(
     let position = visits.last().map_or(0, |visit| visit.position);
     let (mut windows, parked) = (solving.windows, solving.parked);
     let mut options = of_clip.count(&windows, fuse_options(size, position, &known, config));
+    let empty_scene = EmptySceneView::of(scene, &optics.places, position, size);
     let said = recall.and_then(|recall| {
         let options = options.for_cars();
-        let view = EmptySceneView::of(recall.registration.as_ref(), &optics.places, position, size)?;
-        let (said, cars) = evidence_of(recall, &windows, position, span_s, &parked, &view, &options)?;
+        let view = empty_scene.as_ref()?;
+        let (said, cars) = evidence_of(recall, &windows, position, span_s, &parked, view, &options)?;
         let epochs = epochs(&recall.evidence, &look, &options);
         if let Some(epoch) = own_epoch(recall, &said, &epochs, &options) {
-            add_remembered(&mut windows, position, epoch, (&said, &cars), &view);
+            add_remembered(&mut windows, position, epoch, (&said, &cars), view);
         }
         Some(said)
     });
@@ -125,8 +128,8 @@ pub(crate) fn estimate_cameras(
     let position_at = |time_s: f64| position_at(&visits, time_s);
     let lines =
         if config.solve.use_verticals { scene_lines.by_position(position_at) } else { BTreeMap::new() };
-    let scene = Cues { lines, turns }.evaluate(&windows, &options);
-    for view in &scene {
+    let cues = Cues { lines, turns }.evaluate(&windows, &options);
+    for view in &cues {
         view.add_factors(&mut options.factors);
     }
     let Joined { estimates, segments, size_of_cars } = join(&windows, &options);
@@ -137,12 +140,12 @@ pub(crate) fn estimate_cameras(
     }
     let known = known.checked(size, |others| {
         let mut factors = factors_by_position(size, position, others);
-        for view in &scene {
+        for view in &cues {
             view.add_factors(&mut factors);
         }
         fuse(&windows, &FuseOptions { factors, ..options.clone() }).into_iter().next()
     });
-    Ok(CameraTrack { estimates, visits, said, size_of_cars, known, scene })
+    Ok(CameraTrack { estimates, visits, said, size_of_cars, known, scene: cues, empty_scene })
 }
 
 /// Returns the camera before any car is used: the prior and the user constraints.

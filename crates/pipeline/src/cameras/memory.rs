@@ -13,7 +13,7 @@ use base64::engine::general_purpose::STANDARD;
 use image::ImageFormat;
 use image::codecs::png::PngEncoder;
 use regex::Regex;
-use roadplane_base::{CameraEstimate, CameraEvidence, ClipIdentity, ImageSize, Registration};
+use roadplane_base::{CameraEstimate, CameraEvidence, ClipIdentity, ImageSize};
 use roadplane_calibrate::{Epoch, SameView, epochs, fuse};
 use roadplane_view::ViewError;
 use roadplane_watch::{BackgroundPicture, EmptyScene};
@@ -136,8 +136,7 @@ impl CameraDatabase {
         let known = self.known.get(&camera).map(Vec::as_slice).unwrap_or_default();
         let evidence = known.iter().filter(|e| e.clip.sha256 != clip.sha256).cloned().collect();
         let place = scene.map(|scene| packed(&BackgroundPicture::of(&scene.picture)?)).transpose()?;
-        let registration = scene.and_then(|scene| scene.registration);
-        Ok(Some(CameraHistory { camera, clip, models, place, registration, evidence }))
+        Ok(Some(CameraHistory { camera, clip, models, place, evidence }))
     }
 
     /// Adds the evidence of a finished result to the database, if it has any.
@@ -178,8 +177,6 @@ pub(crate) struct CameraHistory {
     pub models: Vec<String>,
     /// Picture of the empty scene, as a PNG in base64.
     pub place: Option<String>,
-    /// How this picture lies on the picture of an earlier frame.
-    pub registration: Option<Registration>,
     /// Evidence of all other clips of the camera.
     pub evidence: Vec<CameraEvidence>,
 }

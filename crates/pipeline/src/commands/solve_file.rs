@@ -83,7 +83,8 @@ pub fn solve_file(
         SolveMethod::Joint => {
             let (constraints, _, warning) = in_first_picture(constraints, None, || read("frames"))?;
             warning.iter().for_each(|warning| tracing::warn!("{warning}"));
-            let cameras = estimate_cameras(read("camera")?, &optics, &atlas, &constraints, None, config)?;
+            let cameras =
+                estimate_cameras(read("camera")?, &optics, &atlas, &constraints, None, None, config)?;
             for frame in read("poses")? {
                 let frame = frame?;
                 if let Some(estimate) = cameras.at(frame.time_s) {

@@ -7,6 +7,7 @@ use std::path::Path;
 use roadplane_base::FrameRecord;
 use roadplane_write::{FrameReader, JsonLines, WriteError};
 
+use crate::stream::backgrounds::Backgrounds;
 use crate::stream::cadence::Cadence;
 use crate::stream::flow::{Stage, Work};
 use crate::stream::nets::{open_detector, open_keypoints};
@@ -67,9 +68,9 @@ pub fn detect_file(
     let mut sink = Sink::create(out)?;
     let write = |work: &Work| sink.write(&work.record);
     let cadence = Cadence::of(&input, config);
-    let mut background = None;
+    let mut backgrounds = Backgrounds::default();
     let lines = LineFinder::new(!config.solve.reads_scene());
-    let stages = vec![watch_stage(), detect_stage(&mut detector, cadence, &mut background, lines)];
+    let stages = vec![watch_stage(), detect_stage(&mut detector, cadence, &mut backgrounds, lines)];
     let streamed = stream(input, cadence.chooser(), stages, write, config, cancel, progress)?;
     sink.finish()?;
     Ok(streamed.decode.is_damaged())

@@ -153,7 +153,7 @@ pub(crate) fn write_report(
         .collect::<Result<_, PipelineError>>()?;
     // The background image shows the scene from the last position of the camera.
     let lines = background.and_then(|background| {
-        let scene = solution.empty_scene?;
+        let scene = solution.cameras.empty_scene()?;
         let view =
             solution.cameras.scene().iter().find(|view| view.position == solution.cameras.last_position())?;
         let upright = &view.verticals.as_ref()?.upright;

@@ -20,6 +20,7 @@ use serde::{Deserialize, Serialize};
 use crate::identity::file_identity;
 use crate::limits::check_memory;
 use crate::options::RunOptions;
+use crate::stream::backgrounds::Backgrounds;
 use crate::stream::cadence::{Cadence, interval_of};
 use crate::stream::flow::Work;
 use crate::stream::nets::Nets;
@@ -142,7 +143,7 @@ struct Sinks<'a> {
     stills: &'a mut Stills,
     watched: &'a mut Watched,
     inference: &'a mut InferenceFrames,
-    background: &'a mut Option<Background>,
+    backgrounds: &'a mut Backgrounds,
 }
 
 /// Runs perception on an opened input, or on a piece of the input, and writes into the folder of the unfinished result.
@@ -191,17 +192,17 @@ fn stream_input(
     let mut samples = SampleFrames::new(config.output.sample_frames, pictures);
     let mut stills = Stills::new(config.output.report_mib);
     let (mut watched, mut inference) = (Watched::default(), InferenceFrames::default());
-    let mut background = None;
+    let mut backgrounds = Backgrounds::default();
     let mut sinks = Sinks {
         samples: &mut samples,
         stills: &mut stills,
         watched: &mut watched,
         inference: &mut inference,
-        background: &mut background,
+        backgrounds: &mut backgrounds,
     };
     let streamed = stream_to_spool(nets, input, folder, piece, &mut sinks, job)?;
     meter.streamed(&streamed, inference, nets);
-    if let Some(background) = background.as_ref().filter(|_| options.background) {
+    if let Some(background) = backgrounds.best().filter(|_| options.background) {
         write_background(folder, background)?;
     }
     let second =
@@ -216,7 +217,7 @@ fn stream_input(
         watch: watched.finish(),
         samples: samples.finish(),
         stills,
-        background: background.as_ref().map(Background::empty_scene),
+        background: backgrounds.empty_scene(),
     })
 }
 
@@ -262,7 +263,7 @@ fn stream_to_spool(
     let lines = LineFinder::new(is_continued || !config.solve.reads_scene());
     let stages = vec![
         watch_stage(),
-        detect_stage(&mut nets.detector, cadence, sinks.background, lines).only(is_due),
+        detect_stage(&mut nets.detector, cadence, sinks.backgrounds, lines).only(is_due),
         keypoint_stage(&mut nets.keypoints, cadence).only(is_due),
     ];
     // Records of the frames that the stopped run completed.

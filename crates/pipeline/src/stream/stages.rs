@@ -1,9 +1,11 @@
 //! The stages that process pictures: first watch, then detect, then keypoints.
 
+use roadplane_base::PictureVerdict;
 use roadplane_detect::{Detector, RoiScheduler};
 use roadplane_keypoints::{KeypointNet, Schedule};
-use roadplane_watch::{Background, Watcher};
+use roadplane_watch::Watcher;
 
+use crate::stream::backgrounds::Backgrounds;
 use crate::stream::cadence::{Cadence, interval_of};
 use crate::stream::flow::{Stage, Work};
 use crate::stream::scene_lines::LineFinder;
@@ -27,7 +29,7 @@ pub fn watch_stage<'a>() -> Stage<'a> {
 pub(crate) fn detect_stage<'a>(
     detector: &'a mut Detector,
     cadence: Cadence,
-    background: &'a mut Option<Background>,
+    backgrounds: &'a mut Backgrounds,
     mut lines: LineFinder,
 ) -> Stage<'a> {
     let mut memory: Option<(u64, RoiScheduler)> = None;
@@ -46,13 +48,11 @@ pub(crate) fn detect_stage<'a>(
             let rounded = |share: f64| Some((share * 1e4).round() / 1e4);
             (watch.changed, watch.seen) = (rounded(found.changed), rounded(found.inspected));
         }
-        if let Some(view) = &seen.view {
-            let is_shown = |background: &Background| background.keyframe() == view.keyframe;
-            let earlier = background.take().filter(|earlier| is_shown(earlier) && !seen.is_new_position);
-            let background = background
-                .insert(earlier.unwrap_or_else(|| Background::new(image, view, found.busy.emptied())));
-            background.take(image, view, &found.busy, work.record.time_s);
-            let edges = lines.find(seen, view, background.picture(), &found.cars, work.record.time_s)?;
+        let is_empty = seen.record.verdict.is_blind() || seen.record.verdict == PictureVerdict::Frozen;
+        if let Some(view) = seen.view.as_ref().filter(|_| !is_empty) {
+            let (busy, time_s) = (&found.busy, work.record.time_s);
+            let background = backgrounds.take(image, view, busy, seen.is_new_position, time_s);
+            let edges = lines.find(seen, view, background.picture(), &found.cars, time_s)?;
             (work.record.scene_lines, work.record.scene_curves) = edges.unzip();
         }
         (work.record.cars, work.record.weak) = (found.cars, found.weak);
