@@ -268,8 +268,8 @@ impl Place<'_> {
     }
 }
 
-/// Whether the last pictures as a whole are displaced. This is so if most of them lie on no picture of the place, or if their median
-/// displacement exceeds `moved` plus their scatter.
+/// Whether the last pictures as a whole are displaced. This is so if most of them lie on no picture of the place, or if
+/// their median displacement exceeds `moved` plus their scatter.
 fn stays_away(recent: &VecDeque<Placed>, origin: Vector2<f64>, moved: f64) -> bool {
     let (Some(first), Some(last)) = (recent.front(), recent.back()) else { return false };
     if recent.len() < MEDIAN_PICTURES || last.stamp.time_s() - first.stamp.time_s() < 0.5 * MEDIAN_S {

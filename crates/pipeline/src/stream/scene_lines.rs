@@ -34,7 +34,8 @@ impl LineFinder {
         Self { began_s: None, searches: 0, is_done }
     }
 
-    /// Finds lines and long edges in the background image, which shows the keyframe of `view`. Returns `None` if no search is due.
+    /// Finds lines and long edges in the background image, which shows the keyframe of `view`. Returns `None` if no
+    /// search is due.
     pub(crate) fn find(
         &mut self,
         seen: &Observation,
