@@ -47,11 +47,12 @@ impl MeanView {
     pub(crate) fn registration(&self, reference: u64) -> Registration {
         let mean = Homography::from_numbers(self.numbers).unwrap_or(Homography::IDENTITY);
         let is_displaced = self.distortion.1 > 0.0;
+        let lens = RegisteredLens { bend: self.distortion.0, sd: 0.0, change: [0.0; 8] };
         Registration {
             reference,
             homography: is_displaced.then(|| mean.rounded_numbers()),
             sd_px: 0.0,
-            lens: is_displaced.then(|| RegisteredLens { bend: self.distortion.0, sd: 0.0, change: [0.0; 8] }),
+            lens: is_displaced.then_some(lens),
         }
     }
 }
