@@ -123,7 +123,8 @@ proptest! {
             let shift = Vector2::new(x, y) * [0.0, 1.0, 0.3, -1.0][(i % 4) as usize];
             let view = view(shift);
             let changed = map.changed(&scene(shift, noise, 2 + i), &view, i as f64 * 0.1);
-            prop_assert_eq!(changed.iter().collect::<Vec<_>>(), vec![], "picture {}", i);
+            // Interpolation changes the noise and the fine texture, so single cells may differ.
+            prop_assert!(changed.share() < 0.02, "picture {}: {:?}", i, changed.iter().collect::<Vec<_>>());
         }
     }
 
