@@ -6,6 +6,7 @@ use roadplane_base::{CarRecord, FrameRecord, ImageSize, KeypointSet, VehicleClas
 
 use crate::{
     LinkId,
+    remember::SAME_BAY,
     stretch::{Look, Stretch, StretchView},
 };
 
@@ -66,8 +67,6 @@ impl Default for SelectOptions {
 const FULL_SIDE_PX: f64 = 150.0;
 /// Least number of frames of a certain car. Views of other cars come last, and only until there are enough views.
 const SURELY_A_CAR: usize = 10;
-/// Least overlap (IoU) of two boxes of a stationary car, in different frames.
-const SAME_PLACE: f64 = 0.6;
 /// Distance of a box from the picture's border up to which it may be cut off, px.
 const NEAR_PX: f64 = 2.5;
 /// Number of cells per axis of the grid over which views are spread.
@@ -86,7 +85,7 @@ struct Candidate {
 impl Candidate {
     /// Whether two views show the same place.
     fn is_in_place_of(&self, other: &Self) -> bool {
-        bbox_iou(&self.view.look.bbox_px, &other.view.look.bbox_px) >= SAME_PLACE
+        bbox_iou(&self.view.look.bbox_px, &other.view.look.bbox_px) >= SAME_BAY
     }
 }
 

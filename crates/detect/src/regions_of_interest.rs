@@ -103,7 +103,7 @@ impl RoiScheduler {
         observation: &Observation,
     ) -> Result<RoiDetections, DetectError> {
         let time_s = stamp.time_s();
-        let grid = ChangeMap::new(&observation.small);
+        let all_cells = || ChangeMap::new(&observation.small).all_cells();
         self.view = observation.view;
         if observation.record.verdict.is_blind() {
             return Ok(RoiDetections {
@@ -111,12 +111,12 @@ impl RoiScheduler {
                 weak: Vec::new(),
                 changed: 1.0,
                 inspected: 0.0,
-                busy: grid.all_cells(),
+                busy: all_cells(),
             });
         }
         let Some(view) = observation.view else {
             // The camera moves too fast, or something is in front of it. The state of the keyframe stays as it is.
-            let (own, all) = (View::at_rest(image), grid.all_cells());
+            let (own, all) = (View::at_rest(image), all_cells());
             let FrameDetections { found, weak, .. } = inspected(detector, image, own, &all, &[whole(image)])?;
             let weak = weak_beside(&weak, &found, detector.options());
             return Ok(RoiDetections { cars: found, weak, changed: 1.0, inspected: 1.0, busy: all });

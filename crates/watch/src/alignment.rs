@@ -72,10 +72,10 @@ impl Alignment {
         (agreeing >= enough).then(|| Self { shift: model.xy(), log_scale: model[2], roll: model[3] })
     }
 
-    /// Converts a similarity transform between the pixels of two pictures of `width` × `height` px.
-    pub(crate) fn from_similarity(carried: &Similarity, width: usize, height: usize) -> Self {
-        let middle = Vector2::new(width as f64, height as f64) / 2.0;
-        let shift = carried.apply(&middle) - middle;
+    /// Converts a similarity transform between two pictures, px. `middle` is the middle of the pictures in the same
+    /// coordinates.
+    pub(crate) fn from_similarity(carried: &Similarity, middle: &Vector2<f64>) -> Self {
+        let shift = carried.apply(middle) - middle;
         Self { shift, log_scale: carried.log_scale(), roll: carried.turn() }
     }
 

@@ -1,6 +1,7 @@
 //! A reduced picture of the background. Two such pictures show whether the camera was moved between two clips.
 
 use image::{GrayImage, RgbImage};
+use nalgebra::Vector2;
 
 use crate::alignment::Alignment;
 use crate::reference::{Prepared, Reference};
@@ -93,7 +94,8 @@ impl BackgroundPicture {
         alignment.or_else(|| {
             let found = search(reference.fine(), picture.smooth())?;
             let carried = refined(reference.fine(), picture.smooth(), &found);
-            Some(Alignment::from_similarity(&carried, self.0.width, self.0.height))
+            let middle = Vector2::new(self.0.width as f64, self.0.height as f64) / 2.0;
+            Some(Alignment::from_similarity(&carried, &middle))
         })
     }
 }

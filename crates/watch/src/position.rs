@@ -219,11 +219,7 @@ impl Place<'_> {
     fn alignment(&self, from: Option<&Pose>, to: Option<&Pose>) -> Option<Alignment> {
         let motion = self.panorama.between(from?, to?)?;
         let similarity = motion.similarity(&picture_box((self.small.width, self.small.height)));
-        Some(Alignment {
-            shift: similarity.apply(&Vector2::zeros()),
-            log_scale: similarity.log_scale(),
-            roll: similarity.turn(),
-        })
+        Some(Alignment::from_similarity(&similarity, &Vector2::zeros()))
     }
 
     /// Returns the displacement of a picture from a pose. It is measured from `origin`, the mean shift of earlier

@@ -68,15 +68,20 @@ impl View {
     /// Whether any part of a box lies in the picture, px.
     #[must_use]
     pub fn is_in_view(&self, [x0, y0, x1, y1]: &[f64; 4]) -> bool {
-        let [width, height] = [self.size.width, self.size.height].map(f64::from);
+        let [_, _, width, height] = self.whole_px();
         *x1 > 0.0 && *y1 > 0.0 && *x0 < width && *y0 < height
+    }
+
+    /// Returns the whole picture as a box, px.
+    fn whole_px(&self) -> [f64; 4] {
+        [0.0, 0.0, f64::from(self.size.width), f64::from(self.size.height)]
     }
 
     /// Returns the part of a box that lies in the picture, px. `None` if it is less than half of the box.
     #[must_use]
     pub fn visible(&self, bbox_px: &[f64; 4]) -> Option<[f64; 4]> {
-        let [width, height] = [self.size.width, self.size.height].map(f64::from);
-        let whole = [0.0, 0.0, width, height];
+        let whole = self.whole_px();
+        let [_, _, width, height] = whole;
         let [x0, y0, x1, y1] = *bbox_px;
         (bbox_share_inside(bbox_px, &whole) >= 0.5).then_some([
             x0.max(0.0),

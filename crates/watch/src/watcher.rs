@@ -95,9 +95,7 @@ impl Watcher {
     pub fn observe(&mut self, stamp: FrameStamp, image: &image::RgbImage) -> Result<Observation, WatchError> {
         let small = SmallGrey::of(image)?;
         let mut record = WatchRecord { looked: true, ..WatchRecord::default() };
-        let blind = self.blindness.check(&small, stamp.time_s());
-        let is_blind = blind.is_some();
-        if let Some(verdict) = blind {
+        if let Some(verdict) = self.blindness.check(&small, stamp.time_s()) {
             record.verdict = verdict;
         } else {
             let (motion, state) = self.settle(stamp, &small, &Prepared::of(&small));
@@ -106,9 +104,6 @@ impl Watcher {
             if offset.norm() >= NOT_DISPLACED_PX {
                 record.offset_px = [offset.x, offset.y].map(|v| (v * 100.0).round() / 100.0);
             }
-        }
-        let is_new_position = record.moved.is_some_and(|moved| moved.kind != MoveKind::Moving);
-        if !is_blind {
             let size = ImageSize { width: image.width(), height: image.height() };
             let PlaceState { panorama, position } = &self.now;
             // A picture of another place may be a disturbance, until a move is accepted.
@@ -116,6 +111,7 @@ impl Watcher {
             let view = view.filter(|view| view.keyframe.is_none() || position.is_shown(panorama));
             self.view = view.map(|view| self.renamed(view, stamp));
         }
+        let is_new_position = record.moved.is_some_and(|moved| moved.kind != MoveKind::Moving);
         self.last = record.clone();
         Ok(Observation { record, small, view: self.view, is_new_position })
     }
