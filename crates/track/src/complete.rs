@@ -2,26 +2,26 @@
 
 use std::collections::BTreeSet;
 
-use nalgebra::Vector3;
+use nalgebra::{Vector2, Vector3};
 use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass};
 
 use crate::{
     BoxSighting, Evidence, ExpectedVehicle, Join, Placed, Track, TrackOptions, TrackState,
-    begin::begin,
     by_boxes::Body,
     duplicates::{merge_duplicates, merge_smoothed},
-    extend::extend,
     frames::{BoxesByFrame, Frames},
     link::link,
     measurement::{Sighting, Size},
+    parts::without_parts,
+    placed_boxes::add_boxes,
     raw_track::{Link, RawTrack},
     smooth::smooth_track,
     smooth_boxes::smooth_by_boxes,
 };
 
-/// Longest gap that is bridged between tracks that weak boxes lengthened, s. Far away, their positions are too
-/// uncertain for longer gaps.
-const LENGTHENED_HIDDEN_S: f64 = 2.0;
+/// Log odds that boxes without a tracklet are a vehicle, beyond their evidence: most of them are no track. Chosen on 25
+/// clips (`docs/book/science.md`).
+const BOXED_LOG_ODDS: f64 = -2.0;
 
 /// Distance from the rear axle to the centre of a truck or bus, as a share of its length.
 const HALF_WHEELBASE: f64 = 0.25;
@@ -69,8 +69,7 @@ pub struct Tracks {
     pub left_out: Vec<FrameStamp>,
 }
 
-/// Returns all tracks that are probably vehicles. Weak boxes come last. They lengthen the tracks that exist without them,
-/// and start others, which may be parts of one vehicle.
+/// Returns all tracks that are probably vehicles.
 pub(crate) fn complete(
     tracklets: Vec<RawTrack>,
     mut free: BoxesByFrame,
@@ -78,30 +77,15 @@ pub(crate) fn complete(
     options: &TrackOptions,
     scene: &impl Scene,
 ) -> Tracks {
-    let steps = options.steps;
     let least = options.min_observed.min(frames.looks().div_ceil(2));
     let mut completion = Completion { frames, options, scene, least, left_out: Vec::new() };
-    let linked = completion.linked(completion.merged(tracklets), options.max_hidden_s);
-    let raw = linked.into_iter().filter(|raw| raw.observations.len() >= least);
-    let mut judged = completion.judged(completion.smoothed(raw.collect()));
-    if !free.is_empty() {
-        // The boxes of another object are explained, too.
-        leave_out(&mut free, judged.iter().map(|one| &one.raw));
-        let mut raw: Vec<RawTrack> = completion.kept(judged).into_iter().map(|one| one.raw).collect();
-        if steps.extend {
-            extend(&mut raw, &mut free, frames, options, scene);
-        }
-        if steps.begin {
-            let begun = begin(&free, &raw, frames, scene).into_iter().map(|raw| {
-                let states = completion.smooth(&raw);
-                (raw, states)
-            });
-            let begun = completion.judged(begun.collect());
-            raw.extend(completion.kept(begun).into_iter().map(|one| one.raw));
-        }
-        let linked = completion.linked(raw, LENGTHENED_HIDDEN_S.min(options.max_hidden_s));
-        judged = completion.judged(completion.smoothed(linked));
+    let mut tracklets = completion.merged(tracklets);
+    if options.steps.boxes && !free.is_empty() {
+        leave_out(&mut free, &tracklets);
+        tracklets = add_boxes(tracklets, &free, frames, scene);
     }
+    let tracks = without_parts(completion.linked(tracklets), frames);
+    let judged = completion.judged(tracks);
     let kept = completion.kept(judged);
     let mut tracks: Vec<Track> = kept.into_iter().map(|one| completion.finished(one)).collect();
     tracks.retain(|track| !track.states.is_empty());
@@ -143,26 +127,29 @@ struct Completion<'a, S> {
 }
 
 impl<S: Scene> Completion<'_, S> {
-    /// Merges tracks of one vehicle, by single detections.
-    fn merged(&self, tracks: Vec<RawTrack>) -> Vec<RawTrack> {
-        if self.options.steps.merge { merge_duplicates(tracks) } else { tracks }
-    }
-
-    /// Links tracks over gaps of up to `horizon_s`, s.
-    fn linked(&self, tracks: Vec<RawTrack>, horizon_s: f64) -> Vec<RawTrack> {
-        if self.options.steps.link { link(tracks, horizon_s) } else { tracks }
-    }
-
-    /// Smooths tracks, and merges those of one vehicle by their smoothed poses. Returns them with their states.
-    fn smoothed(&self, tracks: Vec<RawTrack>) -> Vec<(RawTrack, Vec<TrackState>)> {
-        if self.options.steps.merge {
-            return merge_smoothed(tracks, |track| self.smooth(track));
+    /// Merges tracklets of one vehicle, first by single detections and then by smoothed poses.
+    fn merged(&self, tracklets: Vec<RawTrack>) -> Vec<RawTrack> {
+        if !self.options.steps.merge {
+            return tracklets;
         }
-        let with_states = |track: RawTrack| {
-            let states = self.smooth(&track);
-            (track, states)
+        self.merged_smoothed(merge_duplicates(tracklets)).into_iter().map(|(raw, _)| raw).collect()
+    }
+
+    /// Merges tracks of one vehicle by their smoothed poses. Returns them with their states.
+    fn merged_smoothed(&self, tracks: Vec<RawTrack>) -> Vec<(RawTrack, Vec<TrackState>)> {
+        merge_smoothed(tracks, |track| self.smooth(track))
+    }
+
+    /// Links tracklets over gaps.
+    fn linked(&self, tracklets: Vec<RawTrack>) -> Vec<RawTrack> {
+        if !self.options.steps.link {
+            return tracklets;
+        }
+        let log_odds = |raw: &RawTrack| {
+            let evidence = self.evidence(raw, |seen| Some(seen.pose.xy())).filter(|_| raw.is_boxed);
+            evidence.map(|evidence| evidence.log_odds() + BOXED_LOG_ODDS)
         };
-        tracks.into_iter().map(with_states).collect()
+        link(tracklets, log_odds, self.options.max_hidden_s)
     }
 
     /// Returns the smoothed states of a track.
@@ -185,24 +172,45 @@ impl<S: Scene> Completion<'_, S> {
         options
     }
 
-    /// Collects what shows whether a track is a vehicle; `None` without a detection.
-    fn evidence(&self, raw: &RawTrack, states: &[TrackState]) -> Option<Evidence> {
+    /// Collects what shows whether a track is a vehicle; `None` without a detection. `at` returns its position at a
+    /// detection, m.
+    fn evidence(
+        &self,
+        raw: &RawTrack,
+        at: impl Fn(&Sighting) -> Option<Vector2<f64>>,
+    ) -> Option<Evidence> {
         let (class, shape) = (raw.class(), raw.shape.fused().mean);
         let dims_m = raw.dims_m().or_else(|| Some(self.scene.size(class, &shape)?.dims_m));
         let above_car_m = dims_m.zip(self.scene.mean_car()).map_or(0.0, |(dims_m, car_m)| dims_m.z - car_m.z);
-        Evidence::of(&raw.observations, states, class, above_car_m)
+        Evidence::of(&raw.observations, at, class, above_car_m)
     }
 
-    /// Judges which tracks are vehicles. Tracks without enough detections are dropped.
-    fn judged(&self, tracks: Vec<(RawTrack, Vec<TrackState>)>) -> Vec<Judged> {
-        let enough = tracks.into_iter().filter(|(raw, _)| raw.observations.len() >= self.least);
+    /// Smooths tracks, and judges which ones are vehicles. Tracks without enough detections are dropped.
+    fn judged(&self, mut tracks: Vec<RawTrack>) -> Vec<Judged> {
+        tracks.retain(|raw| {
+            let is_certain = !raw.is_boxed || raw.certain >= self.options.confirm_hits;
+            raw.observations.len() >= self.least && is_certain
+        });
+        let smoothed = if self.options.steps.merge {
+            self.merged_smoothed(tracks)
+        } else {
+            let with_states = |raw: RawTrack| {
+                let states = self.smooth(&raw);
+                (raw, states)
+            };
+            tracks.into_iter().map(with_states).collect()
+        };
         let judge = |(raw, states): (RawTrack, Vec<TrackState>)| {
-            let evidence = self.evidence(&raw, &states)?;
+            let first = raw.observations.first()?.frame;
+            let at = |seen: &Sighting| {
+                states.get(seen.frame - first).map(|state| Vector2::new(state.pose.x_m, state.pose.y_m))
+            };
+            let evidence = self.evidence(&raw, at)?;
             let is_vehicle =
                 !self.options.steps.existence || evidence.probability() >= self.options.min_exists_p;
             Some(Judged { raw, states, evidence, is_vehicle })
         };
-        enough.filter_map(judge).collect()
+        smoothed.into_iter().filter_map(judge).collect()
     }
 
     /// Returns the tracks that are vehicles. The others are listed as left out.
@@ -249,8 +257,8 @@ impl<S: Scene> Completion<'_, S> {
 }
 
 /// Removes the boxes that tracks have already.
-fn leave_out<'a>(free: &mut BoxesByFrame, tracks: impl Iterator<Item = &'a RawTrack>) {
-    let seen = tracks.flat_map(|track| &track.observations);
+fn leave_out(free: &mut BoxesByFrame, tracks: &[RawTrack]) {
+    let seen = tracks.iter().flat_map(|track| &track.observations);
     let owned: BTreeSet<(usize, usize)> = seen.filter_map(|seen| Some((seen.frame, seen.car?))).collect();
     for (frame, boxes) in free {
         boxes.retain(|seen| seen.car.is_none_or(|car| !owned.contains(&(*frame, car))));

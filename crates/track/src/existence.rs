@@ -6,11 +6,10 @@
 //! `scripts/train/tracks` fits the model by maximum likelihood. `models/tracks.json` has the weights, and
 //! `models/tracks.md` the data, the method and the reliability.
 
-use nalgebra::SVector;
+use nalgebra::{SVector, Vector2};
 use roadplane_base::{VehicleClass, bbox_iou};
 
 use crate::{
-    TrackState,
     measurement::Sighting,
     numbers::{FEATURES, NUMBERS, sigmoid},
 };
@@ -44,11 +43,11 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    /// Collects the evidence of a track. `states` are its smoothed states, one for each frame from the first detection on;
-    /// `above_car_m` is its height above that of the site's mean car. `None` without a detection.
+    /// Collects the evidence of a track. `at` returns its position at a detection, m; `above_car_m` is its height above
+    /// that of the site's mean car. `None` without a detection.
     pub(crate) fn of(
         sightings: &[Sighting],
-        states: &[TrackState],
+        at: impl Fn(&Sighting) -> Option<Vector2<f64>>,
         class: VehicleClass,
         above_car_m: f64,
     ) -> Option<Self> {
@@ -65,7 +64,7 @@ impl Evidence {
         Some(Self {
             class,
             score: mean(&odds),
-            moved: moved(sightings, states),
+            moved: moved(sightings, at),
             fitted: log_rms.len() as f64 / measured.len() as f64,
             log_rms: mean(&log_rms),
             above_car_m,
@@ -88,10 +87,15 @@ impl Evidence {
         ]
     }
 
+    /// Returns the log odds that the track is a vehicle.
+    pub(crate) fn log_odds(&self) -> f64 {
+        SVector::from(self.features()).dot(&NUMBERS.existence)
+    }
+
     /// Returns the probability that the track is a vehicle, 0–1.
     #[must_use]
     pub fn probability(&self) -> f64 {
-        sigmoid(SVector::from(self.features()).dot(&NUMBERS.existence))
+        sigmoid(self.log_odds())
     }
 }
 
@@ -102,14 +106,12 @@ fn log_odds(score: f64) -> f64 {
 }
 
 /// Returns how far a track moves within a time in which it is observed. Clutter never leaves its box.
-fn moved(sightings: &[Sighting], states: &[TrackState]) -> f64 {
-    let Some(first) = sightings.first() else { return 0.0 };
-    let at = |o: &Sighting| states.get(o.frame - first.frame).map(|state| (state.pose.x_m, state.pose.y_m));
+fn moved(sightings: &[Sighting], at: impl Fn(&Sighting) -> Option<Vector2<f64>>) -> f64 {
     let near = |a: &Sighting, b: &Sighting| b.time_s - a.time_s <= OBSERVED_S;
     let of_part = |part: &[Sighting]| {
         let (from, to) = part.first().zip(part.last())?;
-        let ((x0, y0), (x1, y1)) = at(from).zip(at(to))?;
-        Some((x1 - x0).hypot(y1 - y0) / MOVED_M * (1.0 - bbox_iou(&from.bbox_px, &to.bbox_px)))
+        let way = at(to)? - at(from)?;
+        Some(way.norm() / MOVED_M * (1.0 - bbox_iou(&from.bbox_px, &to.bbox_px)))
     };
     sightings.chunk_by(near).filter_map(of_part).fold(0.0, f64::max)
 }

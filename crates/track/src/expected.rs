@@ -66,31 +66,6 @@ impl Expected {
         self.motion.see(seen_px, sighting.time_s);
     }
 
-    /// Adds a detection whose box may be weak. Such a box gives a position, but no size. The size stays as before,
-    /// scaled with the distance.
-    pub(crate) fn add_box(&mut self, sighting: &Sighting, gate: f64) {
-        let distance_m = self.filter.position().norm();
-        self.filter.update(&sighting.pose, &sighting.covariance, sighting.time_s, gate);
-        let nearer = distance_m / self.filter.position().norm().max(1.0);
-        let (last_px, seen_px, goes_on) = (*self.last_px(), sighting.bbox_px, sighting.goes_on());
-        // Computes low and high of one axis from the edges that are the vehicle's own.
-        let span = |i: usize| {
-            let size = (last_px[i + 2] - last_px[i]) * nearer;
-            let (low, high) = (seen_px[i], seen_px[i + 2]);
-            match (goes_on[i], goes_on[i + 2]) {
-                (true, false) => [high - size, high],
-                (false, true) => [low, low + size],
-                _ => [(low + high - size) / 2.0, (low + high + size) / 2.0],
-            }
-        };
-        let ([left, right], [top, bottom]) = (span(0), span(1));
-        let bbox_px = [left, top, right, bottom];
-        if !self.filter.is_still() {
-            self.rest_px = bbox_px;
-        }
-        self.motion.see(bbox_px, sighting.time_s);
-    }
-
     /// Adds a detection that is carried over: the vehicle is in its old position, in this box (px).
     pub(crate) fn hold(&mut self, bbox_px: [f64; 4], time_s: f64) {
         self.filter.hold(time_s);
@@ -150,18 +125,6 @@ impl Expected {
         let is_near = distance < gate && (spread < VAGUE_M || overlap > TOUCHING);
         if is_near || overlap > SURE_OVERLAP || in_place {
             0.5 * near + 0.5 * (1.0 - overlap)
-        } else {
-            f64::INFINITY
-        }
-    }
-
-    /// Returns the cost of a box that may be no vehicle at all. Both box and position must be near the expected ones,
-    /// or the cost is infinite.
-    pub(crate) fn box_cost(&self, sighting: &Sighting, gate: f64) -> f64 {
-        let overlap = self.overlap(&sighting.bbox_px, sighting.goes_on(), sighting.time_s);
-        let distance = self.filter.distance(&sighting.pose, &sighting.covariance, sighting.time_s);
-        if overlap > SURE_OVERLAP && distance < gate {
-            0.5 * distance / gate + 0.5 * (1.0 - overlap)
         } else {
             f64::INFINITY
         }

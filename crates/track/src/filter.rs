@@ -79,19 +79,9 @@ impl Filter {
         self.state.xy()
     }
 
-    /// Returns the estimated speed, m/s.
-    pub(crate) fn speed(&self) -> f64 {
-        self.state[2].hypot(self.state[3])
-    }
-
     /// Returns the estimated heading modulo π, rad.
     pub(crate) fn axis(&self) -> f64 {
         self.axis
-    }
-
-    /// Returns the sd of the axis, rad.
-    pub(crate) fn axis_sd(&self) -> f64 {
-        self.axis_variance.sqrt()
     }
 
     /// Whether the car is stationary.

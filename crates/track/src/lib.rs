@@ -9,15 +9,14 @@
 //!   → Tracker           tracklets: certain associations only, frame by frame  (expected.rs, filter.rs, tracker.rs,
 //!                                                                              raw_track.rs)
 //!   → merge_duplicates  two cars cannot share space                           (duplicates.rs)
-//!   → link              all continuations of tracklets, chosen jointly        (link.rs, join.rs)
+//!   → add_boxes         tracklets of all other boxes, weak and strong         (picture_chains.rs, placed_boxes.rs)
+//!   → link              all continuations, and which boxes belong to none     (link.rs, join.rs, parts.rs)
 //!   → find_runs         stationary intervals and driving intervals            (stops.rs)
 //!   → smooth_track      one pose per stationary interval, else a vehicle      (way.rs, start.rs, parked.rs,
 //!                       model                                                  vehicle.rs, chain.rs)
 //!   → facing            heading disambiguation: which end is the front        (facing.rs)
 //!   → Evidence          is the track a vehicle?                               (existence.rs)
-//!   → extend            boxes where a vehicle is expected                     (extend.rs, expected.rs)
-//!   → begin             boxes that no track has                               (begin.rs)
-//!   → smooth_by_boxes   path and size together, where only boxes show them    (smooth_boxes.rs, by_boxes.rs, edge.rs)
+//!   → smooth_by_boxes   path and size together, where only boxes show them    (smooth_boxes.rs, by_boxes.rs)
 //!   → Track                                                                   (complete.rs)
 //! ```
 //!
@@ -30,7 +29,6 @@
 //! part is white and averages out over frames. The second part is a bias, which never averages out for a parked car. Here
 //! r is the scatter that the track shows relative to R.
 
-mod begin;
 mod box_motion;
 mod by_boxes;
 mod chain;
@@ -38,7 +36,6 @@ mod complete;
 mod duplicates;
 mod existence;
 mod expected;
-mod extend;
 mod facing;
 mod filter;
 mod frames;
@@ -50,6 +47,9 @@ mod noise;
 mod numbers;
 mod options;
 mod parked;
+mod parts;
+mod picture_chains;
+mod placed_boxes;
 mod raw_track;
 mod shape;
 mod smooth;

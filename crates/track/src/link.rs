@@ -15,6 +15,10 @@
 //! ```
 //!
 //! An undetected vehicle has three modes: it was stationary, it drove on, or it crept on in a queue. Two tracklets that
+//! A tracklet of boxes alone may be no vehicle. With the probability p that it is one (`existence.rs`), leaving it out of
+//! all tracks gains −log p. In the assignment, its end is then its own beginning.
+//!
+//! Two tracklets that
 //! overlap for a moment also form a pair. They are parts of one vehicle when an object begins to hide it. The earlier
 //! tracklet then counts up to the beginning of the later one.
 
@@ -84,12 +88,20 @@ const TURNED_SIZE_SD: f64 = 0.5;
 /// each other, but hardly with motorcycles.
 const PRIOR_VOTES: [f64; VOTES] = [0.5, 0.5, 0.5, 0.0];
 
-/// Joins tracklets into tracks. Gaps of up to `horizon_s` are bridged, s.
-pub(crate) fn link(mut tracklets: Vec<RawTrack>, horizon_s: f64) -> Vec<RawTrack> {
+/// Joins tracklets into tracks. Gaps of up to `horizon_s` are bridged, s. `log_odds` returns the log odds that a tracklet
+/// is a vehicle; `None` for a tracklet that is one beyond doubt.
+pub(crate) fn link(
+    mut tracklets: Vec<RawTrack>,
+    log_odds: impl Fn(&RawTrack) -> Option<f64>,
+    horizon_s: f64,
+) -> Vec<RawTrack> {
     tracklets.retain(|track| !track.observations.is_empty());
     let starts: Vec<End> = tracklets.iter().map(|track| End::of(track, &track.observations, false)).collect();
     let ends: Vec<End> = tracklets.iter().map(|track| End::of(track, &track.observations, true)).collect();
-    let mut gains: Vec<(usize, usize, f64)> = Vec::new();
+    // A tracklet that continues itself is in no track: something else explains it.
+    let clutter = |(i, track): (usize, &RawTrack)| Some((i, i, (-log_odds(track)?).exp().ln_1p()));
+    let mut gains: Vec<(usize, usize, f64)> =
+        tracklets.iter().enumerate().filter_map(clutter).collect();
     for (i, end) in ends.iter().enumerate() {
         for (j, start) in starts.iter().enumerate().filter(|(j, _)| *j != i) {
             let gap_s = start.time_s - end.time_s;
@@ -153,7 +165,8 @@ fn choose(count: usize, gains: &[(usize, usize, f64)]) -> Vec<Option<(usize, f64
             pair.map_or(f64::INFINITY, |(_, _, gain)| -gain)
         };
         for (row, column) in assign(rows.len(), columns.len(), 0.0, cost).into_iter().enumerate() {
-            next[rows[row]] = column.map(|c| (columns[c], log_odds(rows[row], columns[c], pairs)));
+            let column = column.map(|c| columns[c]).filter(|c| *c != rows[row]);
+            next[rows[row]] = column.map(|c| (c, log_odds(rows[row], c, pairs)));
         }
     }
     next

@@ -140,11 +140,6 @@ impl BoxSighting {
     pub(crate) fn is_sure(&self) -> bool {
         self.car.is_some()
     }
-
-    /// Returns the edges (left, top, right, bottom) beyond which the vehicle continues.
-    pub(crate) fn goes_on(&self) -> [bool; 4] {
-        either(self.cut, self.hidden)
-    }
 }
 
 /// The size of a vehicle, as a Gaussian.

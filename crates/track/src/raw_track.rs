@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 use roadplane_base::{VehicleClass, bbox_covered, bbox_iou};
 
-use crate::{CarMeasurement, measurement::Sighting, shape::ShapeSum};
+use crate::{BoxSighting, CarMeasurement, measurement::Sighting, shape::ShapeSum};
 
 /// Length and width of the ground that a car covers, m.
 const CAR_M: [f64; 2] = [4.4, 1.8];
@@ -28,6 +28,10 @@ pub(crate) struct RawTrack {
     dims: DimsSum,
     /// Joins of tracklets, in the order of time.
     pub links: Vec<Link>,
+    /// Number of detections of which the detector is certain. Those that are carried over do not count.
+    pub certain: usize,
+    /// Whether all of it was chained in the picture, from boxes that no tracklet has.
+    pub is_boxed: bool,
 }
 
 /// A join of two tracklets.
@@ -87,23 +91,27 @@ impl DimsSum {
 impl RawTrack {
     /// Starts a track with its first measurement.
     pub(crate) fn new(car: &CarMeasurement, observation: Sighting, shape: ShapeSum) -> Self {
-        let (observations, links, votes, dims) = Default::default();
-        let mut track = Self { observations, shape, votes, dims, links };
+        let (observations, links, votes, dims, certain) = Default::default();
+        let mut track = Self { observations, shape, votes, dims, links, certain, is_boxed: false };
         track.add(car, observation);
         track
     }
 
-    /// Creates a track of a vehicle that only boxes show, with this class and these sizes (m); `None` without
-    /// detections.
+    /// Creates a track of a vehicle that only boxes show, from detections that were placed on the ground and sizes (m).
+    /// Boxes of which the detector is certain vote for a class. `None` without detections.
     pub(crate) fn by_boxes(
         observations: Vec<Sighting>,
-        class: VehicleClass,
+        boxes: &[(usize, BoxSighting)],
         dims_m: &[[Vector3<f64>; 2]],
     ) -> Option<Self> {
         let first = observations.first()?;
         let shape = ShapeSum::new(first.pose.xy(), first.pose.z);
-        let votes = BTreeMap::from([(class, observations.iter().map(|seen| seen.score).sum())]);
-        Some(Self { observations, shape, votes, dims: DimsSum::of(dims_m), links: Vec::new() })
+        let (mut votes, dims, links) = (BTreeMap::new(), DimsSum::of(dims_m), Vec::new());
+        for (_, seen) in boxes.iter().filter(|(_, seen)| seen.is_sure()) {
+            *votes.entry(seen.class).or_default() += seen.score;
+        }
+        let certain = boxes.iter().filter(|(_, seen)| seen.is_sure() && !seen.held).count();
+        Some(Self { observations, shape, votes, dims, links, certain, is_boxed: true })
     }
 
     /// Returns the weighted mean of sizes with their sds, m.
@@ -118,13 +126,22 @@ impl RawTrack {
         if let Some(dims) = &car.dims_m {
             self.dims.add(dims);
         }
+        self.certain += 1;
         self.observations.push(observation);
+    }
+
+    /// Inserts detections at frames in which the track has none.
+    pub(crate) fn insert(&mut self, found: &[Sighting]) {
+        self.observations.extend_from_slice(found);
+        self.observations.sort_by_key(|seen| seen.frame);
     }
 
     /// Appends a track that continues this one.
     pub(crate) fn append(&mut self, later: Self) {
         self.observations.extend(later.observations);
         self.links.extend(later.links);
+        self.certain += later.certain;
+        self.is_boxed &= later.is_boxed;
         self.shape.append(later.shape);
         for (class, votes) in later.votes {
             *self.votes.entry(class).or_default() += votes;
@@ -224,8 +241,8 @@ mod tests {
             let mut dims = DimsSum::default();
             dims.add(&[Vector3::from(dims_m), Vector3::repeat(0.3)]);
             let shape = ShapeSum::new(Vector2::zeros(), 0.0);
-            let (observations, links) = Default::default();
-            RawTrack { observations, shape, votes: BTreeMap::from([(called, 1.0)]), dims, links }.class()
+            let (observations, links, certain) = Default::default();
+            RawTrack { observations, shape, votes: BTreeMap::from([(called, 1.0)]), dims, links, certain, is_boxed: false }.class()
         };
         use VehicleClass::{Bus, Car, Motorcycle, Truck};
         assert_eq!(class(Motorcycle, [2.0, 0.8, 1.6]), Motorcycle);

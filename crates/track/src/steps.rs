@@ -13,10 +13,8 @@ pub struct TrackSteps {
     pub link: bool,
     /// Leaves out tracks that are probably no vehicles (`existence.rs`).
     pub existence: bool,
-    /// Extends tracks by boxes that no track has (`extend.rs`).
-    pub extend: bool,
-    /// Starts tracks from boxes that no track has (`begin.rs`).
-    pub begin: bool,
+    /// Makes tracklets of boxes that no tracklet has (`placed_boxes.rs`).
+    pub boxes: bool,
     /// Estimates path and size together, where only boxes show a vehicle (`smooth_boxes.rs`).
     pub by_boxes: bool,
     /// Fits the cars again with the shape and the heading of their tracks, and tracks them again.
@@ -34,8 +32,7 @@ impl Default for TrackSteps {
             merge: true,
             link: true,
             existence: true,
-            extend: true,
-            begin: true,
+            boxes: true,
             by_boxes: true,
             second_pass: true,
             hidden_edges: true,

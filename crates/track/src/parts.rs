@@ -1,0 +1,58 @@
+//! Leaves out parts of vehicles: tracks of boxes alone that accompany another track's vehicle. A lorry's cab is one.
+
+use std::collections::BTreeMap;
+
+use roadplane_base::{VehicleClass, bbox_share_inside};
+
+use crate::{frames::Frames, raw_track::RawTrack};
+
+/// Least share of a track's boxes that touch another track's boxes if it is a part of that vehicle.
+const PART: f64 = 0.8;
+/// Distance within which a box touches the box of a truck or bus, in shorter sides of the touching box. Boxes of
+/// lorries and buses may end that far before the vehicle does.
+const APART: f64 = 1.2;
+
+/// Returns the tracks that are no parts of others.
+pub(crate) fn without_parts(tracks: Vec<RawTrack>, frames: &Frames) -> Vec<RawTrack> {
+    let (boxed, mut kept): (Vec<RawTrack>, Vec<RawTrack>) =
+        tracks.into_iter().partition(|track| track.is_boxed);
+    let others = boxes_of(&kept, frames);
+    let apart: Vec<f64> =
+        kept.iter().map(|track| if track.class() == VehicleClass::Car { 0.0 } else { APART }).collect();
+    let is_part = |track: &RawTrack| {
+        let mut touched: BTreeMap<usize, usize> = BTreeMap::new();
+        for seen in &track.observations {
+            let [x0, y0, x1, y1] = seen.bbox_px;
+            for (other, other_px) in others.get(&seen.frame).into_iter().flatten() {
+                let reach = apart[*other] * (x1 - x0).min(y1 - y0);
+                let reached_px = [x0 - reach, y0 - reach, x1 + reach, y1 + reach];
+                *touched.entry(*other).or_default() +=
+                    usize::from(bbox_share_inside(&reached_px, other_px) > 0.0);
+            }
+        }
+        touched.values().any(|touches| *touches as f64 >= PART * track.observations.len() as f64)
+    };
+    kept.extend(boxed.into_iter().filter(|track| !is_part(track)));
+    kept
+}
+
+/// Returns the boxes (px) of the tracks in each inference frame, with the track's index. Where a track was not
+/// detected, its box is interpolated.
+fn boxes_of(tracks: &[RawTrack], frames: &Frames) -> BTreeMap<usize, Vec<(usize, [f64; 4])>> {
+    let mut boxes: BTreeMap<usize, Vec<(usize, [f64; 4])>> = BTreeMap::new();
+    for (t, track) in tracks.iter().enumerate() {
+        for pair in track.observations.windows(2) {
+            let span_s = (pair[1].time_s - pair[0].time_s).max(f64::MIN_POSITIVE);
+            for frame in (pair[0].frame..pair[1].frame).filter(|frame| frames.looked[*frame]) {
+                let share = (frames.times_s[frame] - pair[0].time_s) / span_s;
+                let between =
+                    |i: usize| pair[0].bbox_px[i] + share * (pair[1].bbox_px[i] - pair[0].bbox_px[i]);
+                boxes.entry(frame).or_default().push((t, std::array::from_fn(between)));
+            }
+        }
+        if let Some(last) = track.observations.last() {
+            boxes.entry(last.frame).or_default().push((t, last.bbox_px));
+        }
+    }
+    boxes
+}

@@ -1,0 +1,164 @@
+//! Chains the boxes that no tracklet has, weak and strong, in the picture.
+//!
+//! Some vehicles are seen from high above, or half in the dark. They are detected in nearly every inference frame, but
+//! with certainty in few. At the picture's edge, the lens may distort the keypoints so much that they fit no car. In the
+//! picture, boxes follow each other without any property of the vehicle.
+//!
+//! A chain may run into the first box of a tracklet, and it goes on from a tracklet's last box. Then it shows the same
+//! vehicle, if linking agrees.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::Vector2;
+use roadplane_base::{bbox_centre, bbox_iou};
+
+use crate::{
+    BoxSighting,
+    box_motion::BoxMotion,
+    expected::SURE_OVERLAP,
+    frames::{BoxesByFrame, Frames},
+    raw_track::RawTrack,
+};
+
+/// Time without a box after which a chain may end, s.
+const LOST_S: f64 = 0.6;
+/// Time without a box after which a chain ends, even if it hardly moves, s.
+const MAX_GAP_S: f64 = 3.0;
+/// Time constant of the smoothed motion of a chain of boxes in the picture, s.
+const MOTION_S: f64 = 0.25;
+/// Length of one step of a chain's path in the picture, in box sizes (square root of the area).
+const STEP_SIZES: f64 = 0.5;
+/// Least number of steps of a chain that moves on.
+const MIN_STEPS: usize = 3;
+/// Least mean cosine between consecutive steps of a chain that moves on: they turn little.
+const MIN_COSINE: f64 = 0.8;
+
+/// Boxes of one possible vehicle, at most one per frame.
+pub(crate) struct Chain {
+    /// Boxes with the index of their frame, in the order of time. Boxes of the tracklet are not among them.
+    pub boxes: Vec<(usize, BoxSighting)>,
+    /// Index of the tracklet that the boxes precede or follow.
+    pub tracklet: Option<usize>,
+    /// Motion of the box in the picture.
+    motion: BoxMotion,
+}
+
+impl Chain {
+    /// Starts a chain with this box (px), at a time in s. The box itself is not added.
+    fn new(first_px: [f64; 4], tracklet: Option<usize>, time_s: f64) -> Self {
+        Self { boxes: Vec::new(), tracklet, motion: BoxMotion::new(first_px, time_s, MOTION_S) }
+    }
+
+    /// Whether the last box is so long ago that another object may be there. It is if the vehicle has moved by half its
+    /// size since.
+    fn is_lost(&self, time_s: f64) -> bool {
+        let (last_px, unseen_s) = (self.motion.last_px(), self.motion.unseen_s(time_s));
+        let moved_px = (bbox_centre(&self.motion.at(time_s)) - bbox_centre(last_px)).norm();
+        unseen_s > LOST_S && (unseen_s > MAX_GAP_S || moved_px > STEP_SIZES * size_px(last_px))
+    }
+
+    /// Whether the chain moves on steadily in the picture, in several steps that turn little.
+    pub(crate) fn goes_on(&self) -> bool {
+        let mut places =
+            self.boxes.iter().map(|(_, seen)| (bbox_centre(&seen.bbox_px), size_px(&seen.bbox_px)));
+        let Some((mut from, _)) = places.next() else { return false };
+        let mut steps: Vec<Vector2<f64>> = Vec::new();
+        for (to, size) in places {
+            if let Some(direction) = (to - from).try_normalize(STEP_SIZES * size) {
+                steps.push(direction);
+                from = to;
+            }
+        }
+        let turns = steps.windows(2).map(|pair| pair[0].dot(&pair[1]));
+        steps.len() >= MIN_STEPS && turns.sum::<f64>() >= MIN_COSINE * (steps.len() - 1) as f64
+    }
+}
+
+/// Returns the square root of a box's area, px.
+fn size_px([x0, y0, x1, y1]: &[f64; 4]) -> f64 {
+    ((x1 - x0) * (y1 - y0)).sqrt()
+}
+
+/// A box of one frame that may continue a chain.
+#[derive(Clone, Copy)]
+enum Next<'a> {
+    /// A detection of the tracklet with this index.
+    Tracklet(usize),
+    /// A box that no tracklet has.
+    Free(&'a BoxSighting),
+}
+
+/// Chains boxes that follow each other in the picture, largest overlaps first. Returns the chains that have free boxes.
+pub(crate) fn chains(free: &BoxesByFrame, tracklets: &[RawTrack], frames: &Frames) -> Vec<Chain> {
+    let mut owned: BTreeMap<usize, Vec<(usize, [f64; 4])>> = BTreeMap::new();
+    for (index, track) in tracklets.iter().enumerate() {
+        for seen in &track.observations {
+            owned.entry(seen.frame).or_default().push((index, seen.bbox_px));
+        }
+    }
+    let ends =
+        |index: usize| tracklets[index].observations.last().map_or(f64::NEG_INFINITY, |last| last.time_s);
+    let (mut open, mut done): (Vec<Chain>, Vec<Chain>) = (Vec::new(), Vec::new());
+    for frame in free.keys().chain(owned.keys()).copied().collect::<BTreeSet<usize>>() {
+        let time_s = frames.times_s[frame];
+        let has_ended = |chain: &mut Chain| {
+            chain.is_lost(time_s) && chain.tracklet.is_none_or(|index| ends(index) < time_s)
+        };
+        done.extend(open.extract_if(.., has_ended));
+        let own = owned.get(&frame).map_or(&[][..], Vec::as_slice);
+        let boxes = free.get(&frame).into_iter().flatten().map(|seen| (Next::Free(seen), seen.bbox_px));
+        let all: Vec<(Next<'_>, [f64; 4])> =
+            own.iter().map(|(index, px)| (Next::Tracklet(*index), *px)).chain(boxes).collect();
+        continue_chains(&mut open, &all, frame, time_s);
+    }
+    done.extend(open);
+    done.retain(|chain| !chain.boxes.is_empty());
+    done
+}
+
+/// Continues chains by the boxes of a frame, each by at most one, and starts chains with the others.
+fn continue_chains(open: &mut Vec<Chain>, all: &[(Next<'_>, [f64; 4])], frame: usize, time_s: f64) {
+    let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
+    for (c, chain) in open.iter().enumerate() {
+        let expected_px = chain.motion.at(time_s);
+        for (b, (next, bbox_px)) in all.iter().enumerate() {
+            let overlap = match (chain.tracklet, next) {
+                // The chain of a tracklet has the tracklet's boxes, and of no other.
+                (Some(own), Next::Tracklet(index)) => f64::from(u8::from(own == *index)),
+                _ => bbox_iou(&expected_px, bbox_px),
+            };
+            if overlap > SURE_OVERLAP {
+                pairs.push((overlap, c, b));
+            }
+        }
+    }
+    pairs.sort_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));
+    let (mut went_on, mut used) = (BTreeSet::new(), BTreeSet::new());
+    for (_, c, b) in pairs {
+        let (next, bbox_px) = all[b];
+        let has_chain =
+            |index: usize| open.iter().any(|other| other.tracklet == Some(index)) && open[c].tracklet.is_none();
+        if went_on.contains(&c) || used.contains(&b) || matches!(next, Next::Tracklet(index) if has_chain(index)) {
+            continue;
+        }
+        match next {
+            Next::Tracklet(index) => open[c].tracklet = Some(index),
+            Next::Free(seen) => open[c].boxes.push((frame, *seen)),
+        }
+        open[c].motion.see(bbox_px, time_s);
+        went_on.insert(c);
+        used.insert(b);
+    }
+    let own: Vec<&[f64; 4]> =
+        all.iter().filter(|(next, _)| matches!(next, Next::Tracklet(_))).map(|(_, px)| px).collect();
+    for (_, (next, bbox_px)) in all.iter().enumerate().filter(|(b, _)| !used.contains(b)) {
+        let mut chain = Chain::new(*bbox_px, None, time_s);
+        match next {
+            Next::Tracklet(index) => chain.tracklet = Some(*index),
+            // A second box of a tracklet's vehicle.
+            Next::Free(_) if own.iter().any(|px| bbox_iou(px, bbox_px) > SURE_OVERLAP) => continue,
+            Next::Free(seen) => chain.boxes.push((frame, **seen)),
+        }
+        open.push(chain);
+    }
+}

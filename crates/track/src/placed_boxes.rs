@@ -1,0 +1,158 @@
+//! Places the boxes that no tracklet has on the ground, as tracklets of their own.
+//!
+//! A chain of boxes that precedes or follows a tracklet is placed as that vehicle. Any other chain is placed once its
+//! boxes show the direction of travel. Linking decides which vehicle a chain belongs to, and whether it is one.
+
+use std::{collections::BTreeMap, f64::consts::FRAC_PI_2};
+
+use nalgebra::{Matrix2, Vector2, Vector3};
+use roadplane_base::{Shape, VehicleClass};
+
+use crate::{
+    BoxSighting, ExpectedVehicle, Placed, Scene,
+    frames::{BoxesByFrame, Frames},
+    measurement::Sighting,
+    picture_chains::{Chain, chains},
+    raw_track::RawTrack,
+};
+
+/// Half of the time whose positions show the direction of travel, s.
+const HEADING_S: f64 = 1.0;
+/// Least speed at which positions show the direction of travel, m/s.
+const DRIVES_MPS: f64 = 1.0;
+/// Sd of a heading that comes from the direction of travel, rad.
+const DRIVEN_HEADING_SD: f64 = 0.15;
+
+/// Adds tracklets, made of boxes that no given tracklet has. Boxes between the detections of a tracklet become
+/// detections of it.
+pub(crate) fn add_boxes(
+    mut tracklets: Vec<RawTrack>,
+    free: &BoxesByFrame,
+    frames: &Frames,
+    scene: &impl Scene,
+) -> Vec<RawTrack> {
+    let mut new = Vec::new();
+    for chain in chains(free, &tracklets, frames) {
+        let Some(track) = chain.tracklet.map(|index| &mut tracklets[index]) else {
+            // A single box is no chain.
+            new.extend((chain.boxes.len() > 1).then(|| alone(&chain, frames, scene)).flatten());
+            continue;
+        };
+        let found = of_vehicle(&chain, track, frames, scene);
+        let ends = track.observations.first().zip(track.observations.last());
+        let Some((first, last)) = ends.map(|(first, last)| (first.frame, last.frame)) else { continue };
+        let from = found.partition_point(|seen| seen.frame < first);
+        let to = found.partition_point(|seen| seen.frame < last);
+        let part = |part: &[Sighting]| RawTrack::by_boxes(part.to_vec(), &[], &[]);
+        new.extend([part(&found[..from]), part(&found[to..])].into_iter().flatten());
+        track.insert(&found[from..to]);
+    }
+    tracklets.extend(new);
+    tracklets
+}
+
+/// Places boxes on the ground as those of the tracklet's vehicle.
+fn of_vehicle(chain: &Chain, track: &RawTrack, frames: &Frames, scene: &impl Scene) -> Vec<Sighting> {
+    let vehicle = ExpectedVehicle {
+        class: track.class(),
+        dims_m: track.dims_m(),
+        shape: track.shape.fused().mean,
+        heading_rad: 0.0,
+        heading_sd_rad: 0.0,
+    };
+    let places: Vec<[f64; 3]> =
+        track.observations.iter().map(|seen| [seen.time_s, seen.pose.x, seen.pose.y]).collect();
+    let heading = |time_s: f64| {
+        let away_s = |seen: &&Sighting| (seen.time_s - time_s).abs();
+        let near = track.observations.iter().min_by(|a, b| away_s(a).total_cmp(&away_s(b)))?;
+        let driven = way(&places, near.time_s).map(|way| [way, DRIVEN_HEADING_SD]);
+        Some(driven.unwrap_or([near.pose.z, near.covariance[(2, 2)].sqrt()]))
+    };
+    sightings(&chain.boxes, &vehicle, heading, frames, scene)
+}
+
+/// Returns the tracklet of a chain without a tracklet; `None` where the camera cannot see it on the ground.
+fn alone(chain: &Chain, frames: &Frames, scene: &impl Scene) -> Option<RawTrack> {
+    let boxes = &chain.boxes;
+    let mut vehicle = ExpectedVehicle {
+        class: class(boxes),
+        dims_m: None,
+        shape: Shape::zeros(),
+        heading_rad: 0.0,
+        heading_sd_rad: FRAC_PI_2,
+    };
+    let about: Vec<(f64, Placed)> = (boxes.iter())
+        .filter_map(|(frame, seen)| {
+            Some((frames.times_s[*frame], place(*frame, seen, &vehicle, frames, scene)?))
+        })
+        .collect();
+    let places: Vec<[f64; 3]> = about.iter().map(|(time_s, at)| [*time_s, at.pose.x_m, at.pose.y_m]).collect();
+    // The box of a stationary car shows its heading, if only roughly. Positions that jitter are no path.
+    let way_at = |at: &[f64; 3]| Some([at[0], way(&places, at[0])?]);
+    let ways: Vec<[f64; 2]> =
+        if chain.goes_on() { places.iter().filter_map(way_at).collect() } else { Vec::new() };
+    let dims: Vec<[Vector3<f64>; 2]> = about.iter().map(|(_, at)| at.dims_m).collect();
+    if vehicle.class != VehicleClass::Car {
+        vehicle.dims_m = RawTrack::mean_dims_m(&dims);
+    }
+    let heading = |time_s: f64| {
+        let away_s = |way: &&[f64; 2]| (way[0] - time_s).abs();
+        let driven = ways.iter().min_by(|a, b| away_s(a).total_cmp(&away_s(b)));
+        Some(driven.map_or([0.0, FRAC_PI_2], |way| [way[1], DRIVEN_HEADING_SD]))
+    };
+    RawTrack::by_boxes(sightings(boxes, &vehicle, heading, frames, scene), boxes, &dims)
+}
+
+/// Places boxes of a vehicle on the ground. `heading` returns its heading at a time (s) and the sd of the heading, rad.
+fn sightings(
+    boxes: &[(usize, BoxSighting)],
+    vehicle: &ExpectedVehicle,
+    heading: impl Fn(f64) -> Option<[f64; 2]>,
+    frames: &Frames,
+    scene: &impl Scene,
+) -> Vec<Sighting> {
+    let of_box = |(frame, seen): &(usize, BoxSighting)| {
+        let time_s = frames.times_s[*frame];
+        let [heading_rad, heading_sd_rad] = heading(time_s)?;
+        let vehicle = ExpectedVehicle { heading_rad, heading_sd_rad, ..*vehicle };
+        let placed = place(*frame, seen, &vehicle, frames, scene)?;
+        Some(Sighting::by_box(seen, &placed, *frame, time_s))
+    };
+    boxes.iter().filter_map(of_box).collect()
+}
+
+/// Places one box on the ground.
+fn place(
+    frame: usize,
+    seen: &BoxSighting,
+    vehicle: &ExpectedVehicle,
+    frames: &Frames,
+    scene: &impl Scene,
+) -> Option<Placed> {
+    let placed = scene.place(&frames.stamps[frame], seen, vehicle)?;
+    placed.covariance.cholesky().is_some().then_some(placed)
+}
+
+/// Returns the class of a chain, by the boxes of which the detector is certain.
+fn class(boxes: &[(usize, BoxSighting)]) -> VehicleClass {
+    let mut votes: BTreeMap<VehicleClass, f64> = BTreeMap::new();
+    for (_, seen) in boxes.iter().filter(|(_, seen)| seen.is_sure()) {
+        *votes.entry(seen.class).or_default() += seen.score;
+    }
+    votes.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(VehicleClass::Car, |(class, _)| class)
+}
+
+/// Returns the direction of travel at a time, rad: that of a line through the positions (time, x, y) around it. `None`
+/// where the vehicle is too slow.
+fn way(places: &[[f64; 3]], at_s: f64) -> Option<f64> {
+    let (mut normal, mut right) = (Matrix2::zeros(), [Vector2::zeros(), Vector2::zeros()]);
+    for [time_s, x, y] in places.iter().filter(|place| (place[0] - at_s).abs() <= HEADING_S) {
+        let basis = Vector2::new(1.0, time_s - at_s);
+        normal += basis * basis.transpose();
+        right[0] += basis * *x;
+        right[1] += basis * *y;
+    }
+    let line = normal.cholesky()?;
+    let [x, y] = right.map(|right| line.solve(&right).y);
+    (x.hypot(y) > DRIVES_MPS).then(|| y.atan2(x))
+}
