@@ -174,11 +174,7 @@ impl<S: Scene> Completion<'_, S> {
 
     /// Collects what shows whether a track is a vehicle; `None` without a detection. `at` returns its position at a
     /// detection, m.
-    fn evidence(
-        &self,
-        raw: &RawTrack,
-        at: impl Fn(&Sighting) -> Option<Vector2<f64>>,
-    ) -> Option<Evidence> {
+    fn evidence(&self, raw: &RawTrack, at: impl Fn(&Sighting) -> Option<Vector2<f64>>) -> Option<Evidence> {
         let (class, shape) = (raw.class(), raw.shape.fused().mean);
         let dims_m = raw.dims_m().or_else(|| Some(self.scene.size(class, &shape)?.dims_m));
         let above_car_m = dims_m.zip(self.scene.mean_car()).map_or(0.0, |(dims_m, car_m)| dims_m.z - car_m.z);

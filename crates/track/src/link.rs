@@ -11,10 +11,13 @@
 //! vehicle left and another appeared":
 //!
 //! ```text
-//! log Σ_mode P(mode, Δt) p(position, velocity after | before, mode) − log λ p(velocity) + terms of class and size
+//! log Σ_mode P(mode, Δt) p(position, velocity after | before, mode) / (λ + r τ_mode) − log p(velocity)
+//!     + terms of class and size
 //! ```
 //!
-//! An undetected vehicle has three modes: it was stationary, it drove on, or it crept on in a queue. Two tracklets that
+//! An undetected vehicle has three modes: it was stationary, it drove on, or it crept on in a queue. Vehicles appear with
+//! the density λ anywhere. Where the tracklet begins, others that drive appear with the rate r. So a vehicle in flowing
+//! traffic is not the stationary one that was there before. τ is the mean time for which a vehicle stays undetected. Two tracklets that
 //! A tracklet of boxes alone may be no vehicle. With the probability p that it is one (`existence.rs`), leaving it out of
 //! all tracks gains −log p. In the assignment, its end is then its own beginning.
 //!
@@ -56,28 +59,16 @@ const DRIVES_S: f64 = 1.2;
 const CREEPS_S: f64 = 6.0;
 /// Longest time for which one half-hidden vehicle may be two tracklets, s.
 const MAX_TOGETHER_S: f64 = 0.5;
-/// Longest time for which a vehicle drives undetected, s. A vehicle that is found later may be any vehicle.
-const MAX_DRIVES_S: f64 = 4.0;
-/// Longest time for which a vehicle creeps undetected, s. A vehicle that is found later may be any vehicle.
-const MAX_CREEPS_S: f64 = 10.0;
 /// Prior probabilities of the three modes: stationary, driving, creeping.
 const SHARES: [f64; 3] = [0.4, 0.45, 0.15];
-/// Longest distance of creeping, m.
-const CREEP_M: f64 = 20.0;
 /// Greatest speed of creeping, m/s.
 const CREEP_MPS: f64 = 2.5;
 /// Sd of the distance by which a creeping vehicle leaves its line, m.
 const LINE_M: f64 = 0.6;
 /// Density of vehicles that appear anywhere, per m².
 const APPEARS: f64 = 2e-5;
-/// Density of vehicles that appear where they can enter, per m²: at the picture's edge, or far away, where boxes are
-/// small.
-const ENTERS: f64 = 5e-4;
-/// Density of vehicles that appear where the picture cuts both tracklets off, per m². All vehicles come and go at the
-/// same few positions.
-const ENTERS_AT_EDGE: f64 = 1e-2;
-/// Longer side of a box below which a vehicle is far enough away to enter or leave, px.
-const SMALL_PX: f64 = 28.0;
+/// Distance within which tracklets begin at one place, m: half the width of a lane.
+const PLACE_M: f64 = 1.5;
 /// Log odds in favour of a vehicle that is gone for good, where it can leave the picture.
 const LEAVES: f64 = 2.0;
 /// Sd of the logarithm of a vehicle's size (box diagonal times distance), seen from one view.
@@ -96,12 +87,13 @@ pub(crate) fn link(
     horizon_s: f64,
 ) -> Vec<RawTrack> {
     tracklets.retain(|track| !track.observations.is_empty());
-    let starts: Vec<End> = tracklets.iter().map(|track| End::of(track, &track.observations, false)).collect();
+    let mut starts: Vec<End> =
+        tracklets.iter().map(|track| End::of(track, &track.observations, false)).collect();
     let ends: Vec<End> = tracklets.iter().map(|track| End::of(track, &track.observations, true)).collect();
+    count_arrivals(&mut starts, &ends);
     // A tracklet that continues itself is in no track: something else explains it.
     let clutter = |(i, track): (usize, &RawTrack)| Some((i, i, (-log_odds(track)?).exp().ln_1p()));
-    let mut gains: Vec<(usize, usize, f64)> =
-        tracklets.iter().enumerate().filter_map(clutter).collect();
+    let mut gains: Vec<(usize, usize, f64)> = tracklets.iter().enumerate().filter_map(clutter).collect();
     for (i, end) in ends.iter().enumerate() {
         for (j, start) in starts.iter().enumerate().filter(|(j, _)| *j != i) {
             let gap_s = start.time_s - end.time_s;
@@ -121,6 +113,23 @@ pub(crate) fn link(
     }
     let next = choose(tracklets.len(), &gains);
     chains(tracklets, &next)
+}
+
+/// Counts the driving vehicles that appear where each tracklet begins.
+fn count_arrivals(starts: &mut [End], ends: &[End]) {
+    let first_s = starts.iter().map(|start| start.time_s).fold(f64::INFINITY, f64::min);
+    let last_s = ends.iter().map(|end| end.time_s).fold(f64::NEG_INFINITY, f64::max);
+    // A short clip does not show how often vehicles appear.
+    let seconds = (last_s - first_s).max(STANDS_S);
+    let driving: Vec<(Vector2<f64>, f64)> =
+        starts.iter().map(|start| (start.place(), 1.0 - start.stands)).collect();
+    for (j, start) in starts.iter_mut().enumerate() {
+        let place = start.place();
+        let others =
+            driving.iter().enumerate().filter(|(k, (other, _))| *k != j && (other - place).norm() < PLACE_M);
+        start.arrivals =
+            others.map(|(_, (_, drives))| drives).sum::<f64>() / (PI * PLACE_M * PLACE_M * seconds);
+    }
 }
 
 /// Returns the end of a tracklet before another began. Both must be possible parts of one vehicle while they overlap,
@@ -234,10 +243,10 @@ struct End {
     standing: f64,
     /// Density of its velocity among driving vehicles, (m/s)⁻².
     driving: f64,
-    /// Whether the vehicle may enter or leave here.
-    border: bool,
     /// Whether the picture cuts the vehicle off.
     at_edge: bool,
+    /// Rate of other vehicles that appear here and drive, per m² and s.
+    arrivals: f64,
     /// Logarithm of the vehicle's size: diagonal of the box (px) times the distance (m).
     log_size: f64,
     /// Votes for each class.
@@ -264,26 +273,30 @@ impl End {
         let spread = covariance.fixed_view::<2, 2>(2, 2).into_owned();
         let [standing, driving] = [STANDING_SD, DRIVING_SD]
             .map(|sd| density(&velocity, &(spread + Matrix2::identity() * sd.powi(2))));
-        let at_edge = edge.cut.contains(&true);
-        let side = |b: &[f64; 4]| (b[2] - b[0]).max(b[3] - b[1]);
         let log_size = |o: &Sighting| {
             let [x0, y0, x1, y1] = o.bbox_px;
             ((x1 - x0).hypot(y1 - y0) * o.pose.xy().norm().max(1.0)).ln()
         };
+        let stands = STANDING_SHARE * standing / mixed(standing, driving).max(1e-300);
         let mut sizes: Vec<f64> = part.iter().map(|o| log_size(o)).collect();
         Self {
             time_s: edge.time_s,
             state,
             covariance,
             axis: axis.y.atan2(axis.x) / 2.0,
-            stands: if edge.held { 1.0 } else { standing / (standing + driving).max(1e-300) },
+            stands: if edge.held { 1.0 } else { stands },
             standing,
             driving,
-            at_edge,
-            border: at_edge || side(&edge.bbox_px) < SMALL_PX,
+            at_edge: edge.cut.contains(&true),
+            arrivals: 0.0,
             log_size: upper_median(&mut sizes, f64::total_cmp).unwrap_or_default(),
             votes: track.votes(),
         }
+    }
+
+    /// Returns the position (x, y), m.
+    fn place(&self) -> Vector2<f64> {
+        self.state.fixed_rows::<2>(0).into_owned()
     }
 
     /// Returns the velocity (vx, vy), m/s.
@@ -336,29 +349,24 @@ fn density(x: &Vector2<f64>, covariance: &Matrix2<f64>) -> f64 {
 
 /// Returns the log likelihood ratio of one vehicle against two, for a gap in s.
 fn gain(end: &End, start: &End, gap_s: f64) -> f64 {
-    let way = (start.state - end.state).fixed_rows::<2>(0).into_owned();
+    let way = start.place() - end.place();
     let places = end.place_covariance() + start.place_covariance();
-    let eye = Matrix2::identity();
-    let stood = {
-        let unseen = (-gap_s / STANDS_S).exp();
-        end.stands * unseen * density(&way, &(places + eye * RESTING_M.powi(2))) * start.standing
-    };
-    let drove =
-        if gap_s > MAX_DRIVES_S { 0.0 } else { (-gap_s / DRIVES_S).exp() * drive_density(end, start, gap_s) };
-    let crept = if gap_s > MAX_CREEPS_S {
-        0.0
-    } else {
-        (-gap_s / CREEPS_S).exp() * creep_density(end, start, &way, &places, gap_s)
-    };
+    // Each mode has its mean time of staying undetected. In this time, the other vehicles appear.
+    let mode =
+        |mean_s: f64, density: f64| (-gap_s / mean_s).exp() * density / (APPEARS + start.arrivals * mean_s);
+    let rested = places + Matrix2::identity() * RESTING_M.powi(2);
+    let stood = mode(STANDS_S, end.stands * density(&way, &rested) * start.standing);
+    let drove = mode(DRIVES_S, drive_density(end, start, gap_s));
+    let crept = mode(CREEPS_S, creep_density(end, start, &way, &places, gap_s));
     let same = SHARES[0] * stood + SHARES[1] * drove + SHARES[2] * crept;
-    let appears = match (start.at_edge && end.at_edge, start.border) {
-        (true, _) => ENTERS_AT_EDGE,
-        (false, true) => ENTERS,
-        (false, false) => APPEARS,
-    };
-    let new = appears * (STANDING_SHARE * start.standing + (1.0 - STANDING_SHARE) * start.driving);
-    let gone = if end.border { LEAVES } else { 0.0 };
+    let new = mixed(start.standing, start.driving);
+    let gone = if end.at_edge { LEAVES } else { 0.0 };
     (same.max(1e-300) / new.max(1e-300)).ln() - gone + class_gain(end, start) + size_gain(end, start)
+}
+
+/// Returns the density of a velocity among all vehicles, from its densities among stationary and driving ones.
+fn mixed(standing: f64, driving: f64) -> f64 {
+    STANDING_SHARE * standing + (1.0 - STANDING_SHARE) * driving
 }
 
 /// Returns the density of position and velocity after a gap (s) in which the vehicle drove on.
@@ -389,7 +397,7 @@ fn creep_density(end: &End, start: &End, way: &Vector2<f64>, places: &Matrix2<f6
     let sign = (end.velocity() + start.velocity()).dot(&ahead);
     let along = way.dot(&ahead) * if sign < 0.0 { -1.0 } else { 1.0 };
     let sd = |direction: &Vector2<f64>| direction.dot(&(places * direction)).max(0.0);
-    let reach = (CREEP_MPS * gap_s).min(CREEP_M);
+    let reach = CREEP_MPS * gap_s;
     let beyond = if along < 0.0 { along } else { (along - reach).max(0.0) };
     let outside = (-0.5 * beyond * beyond / (sd(&ahead) + 0.25)).exp();
     let off = way.dot(&aside);
@@ -416,7 +424,7 @@ fn class_gain(end: &End, start: &End) -> f64 {
 /// Returns the log likelihood ratio of the sizes, at most 0. Different views show different sizes.
 fn size_gain(end: &End, start: &End) -> f64 {
     let turned = fold_axis(start.axis - end.axis).abs() > 0.4;
-    let sd = if turned || end.border || start.border { TURNED_SIZE_SD } else { SIZE_SD };
+    let sd = if turned || end.at_edge || start.at_edge { TURNED_SIZE_SD } else { SIZE_SD };
     let off = (start.log_size - end.log_size) / sd;
     -0.5 * (off * off).min(25.0)
 }

@@ -136,9 +136,13 @@ fn continue_chains(open: &mut Vec<Chain>, all: &[(Next<'_>, [f64; 4])], frame: u
     let (mut went_on, mut used) = (BTreeSet::new(), BTreeSet::new());
     for (_, c, b) in pairs {
         let (next, bbox_px) = all[b];
-        let has_chain =
-            |index: usize| open.iter().any(|other| other.tracklet == Some(index)) && open[c].tracklet.is_none();
-        if went_on.contains(&c) || used.contains(&b) || matches!(next, Next::Tracklet(index) if has_chain(index)) {
+        let has_chain = |index: usize| {
+            open.iter().any(|other| other.tracklet == Some(index)) && open[c].tracklet.is_none()
+        };
+        if went_on.contains(&c)
+            || used.contains(&b)
+            || matches!(next, Next::Tracklet(index) if has_chain(index))
+        {
             continue;
         }
         match next {

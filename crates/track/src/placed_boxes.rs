@@ -86,7 +86,8 @@ fn alone(chain: &Chain, frames: &Frames, scene: &impl Scene) -> Option<RawTrack>
             Some((frames.times_s[*frame], place(*frame, seen, &vehicle, frames, scene)?))
         })
         .collect();
-    let places: Vec<[f64; 3]> = about.iter().map(|(time_s, at)| [*time_s, at.pose.x_m, at.pose.y_m]).collect();
+    let places: Vec<[f64; 3]> =
+        about.iter().map(|(time_s, at)| [*time_s, at.pose.x_m, at.pose.y_m]).collect();
     // The box of a stationary car shows its heading, if only roughly. Positions that jitter are no path.
     let way_at = |at: &[f64; 3]| Some([at[0], way(&places, at[0])?]);
     let ways: Vec<[f64; 2]> =

@@ -242,7 +242,16 @@ mod tests {
             dims.add(&[Vector3::from(dims_m), Vector3::repeat(0.3)]);
             let shape = ShapeSum::new(Vector2::zeros(), 0.0);
             let (observations, links, certain) = Default::default();
-            RawTrack { observations, shape, votes: BTreeMap::from([(called, 1.0)]), dims, links, certain, is_boxed: false }.class()
+            RawTrack {
+                observations,
+                shape,
+                votes: BTreeMap::from([(called, 1.0)]),
+                dims,
+                links,
+                certain,
+                is_boxed: false,
+            }
+            .class()
         };
         use VehicleClass::{Bus, Car, Motorcycle, Truck};
         assert_eq!(class(Motorcycle, [2.0, 0.8, 1.6]), Motorcycle);
