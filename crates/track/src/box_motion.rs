@@ -3,6 +3,11 @@
 use nalgebra::Vector2;
 use roadplane_base::{bbox_centre, bbox_moved};
 
+/// Time constant of the velocity's average, s.
+const MEMORY_S: f64 = 0.25;
+/// Time without a detection after which the motion is no longer known, s.
+pub(crate) const UNSEEN_S: f64 = 0.6;
+
 /// The last box of a vehicle, and the velocity of the box's centre.
 #[derive(Clone, Debug)]
 pub(crate) struct BoxMotion {
@@ -12,16 +17,14 @@ pub(crate) struct BoxMotion {
     last_s: f64,
     /// Velocity of the box's centre, px/s.
     velocity_px_s: Vector2<f64>,
-    /// Time constant of the velocity's average, s.
-    memory_s: f64,
     /// Number of detections.
     seen: usize,
 }
 
 impl BoxMotion {
-    /// Starts with the first box (px) at a time (s). `memory_s` is the time constant of the velocity's average.
-    pub(crate) fn new(first_px: [f64; 4], time_s: f64, memory_s: f64) -> Self {
-        Self { last_px: first_px, last_s: time_s, velocity_px_s: Vector2::zeros(), memory_s, seen: 1 }
+    /// Starts with the first box (px) at a time (s).
+    pub(crate) fn new(first_px: [f64; 4], time_s: f64) -> Self {
+        Self { last_px: first_px, last_s: time_s, velocity_px_s: Vector2::zeros(), seen: 1 }
     }
 
     /// Adds a detection: its box (px) and its time (s).
@@ -29,7 +32,7 @@ impl BoxMotion {
         let gap_s = self.unseen_s(time_s);
         if gap_s > 0.0 {
             let velocity = (bbox_centre(&bbox_px) - bbox_centre(&self.last_px)) / gap_s;
-            let share = if self.seen < 2 { 1.0 } else { 1.0 - (-gap_s / self.memory_s).exp() };
+            let share = if self.seen < 2 { 1.0 } else { 1.0 - (-gap_s / MEMORY_S).exp() };
             self.velocity_px_s += share * (velocity - self.velocity_px_s);
         }
         (self.last_px, self.last_s) = (bbox_px, time_s);

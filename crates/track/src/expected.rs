@@ -2,23 +2,19 @@
 
 use roadplane_base::{bbox_iou, bbox_part_seen};
 
-use crate::{TrackOptions, box_motion::BoxMotion, filter::Filter, measurement::Sighting};
+use crate::{
+    TrackOptions,
+    box_motion::{BoxMotion, UNSEEN_S},
+    filter::Filter,
+    measurement::Sighting,
+};
 
 /// Cost above which it is more probable that the vehicle is not detected. Pose and overlap contribute up to 0.5 each.
 pub(crate) const ALONE: f64 = 0.9;
-/// Time constant of the motion in the picture, s.
-const MOTION_S: f64 = 0.15;
-/// Longest time for which a box is extrapolated, s.
-const BOX_TRUST_S: f64 = 1.0;
 /// Distance from a stationary car within which a detection is of that car, m.
 const NEVER_NEARER_M: f64 = 1.0;
 /// Least overlap (IoU) of a stationary car's box with the box of a detection.
 const MIN_OVERLAP: f64 = 0.25;
-/// Factor on the stationary time: a vehicle may be hidden for this many times as long, before tracks are linked as a
-/// whole.
-const STANDS_ON: f64 = 3.0;
-/// Share by which a detection moves an edge of a stationary car's box outwards, 0–1.
-const OUTWARD: f64 = 0.3;
 /// Share by which a detection moves an edge of a stationary car's box inwards, 0–1.
 const INWARD: f64 = 0.1;
 /// Sd from which on a position says little, m. The boxes must then overlap by `TOUCHING`.
@@ -44,7 +40,7 @@ impl Expected {
     pub(crate) fn new(first: &Sighting) -> Self {
         Self {
             filter: Filter::new(&first.pose, &first.covariance, first.time_s),
-            motion: BoxMotion::new(first.bbox_px, first.time_s, MOTION_S),
+            motion: BoxMotion::new(first.bbox_px, first.time_s),
             rest_px: first.bbox_px,
         }
     }
@@ -57,8 +53,7 @@ impl Expected {
             let (known, seen) = (known_px[i], seen_px[i]);
             let outward = (seen < known) == (i < 2);
             match (self.filter.is_still(), outward) {
-                (false, _) => seen,
-                (true, true) => known + OUTWARD * (seen - known),
+                (false, _) | (true, true) => seen,
                 (true, false) if goes_on[i] => known,
                 (true, false) => known + INWARD * (seen - known),
             }
@@ -84,9 +79,7 @@ impl Expected {
 
     /// Whether the vehicle was undetected for so long that another may be there.
     pub(crate) fn is_lost(&self, time_s: f64, options: &TrackOptions) -> bool {
-        // A vehicle that was stationary for a while stays stationary for about as long.
-        let parked_s = options.max_parked_coast_s.min(STANDS_ON * self.filter.stood_s());
-        let coast_s = if self.filter.is_still() { parked_s } else { 0.0 }.max(options.max_coast_s);
+        let coast_s = if self.filter.is_still() { options.max_parked_coast_s } else { options.max_coast_s };
         self.unseen_s(time_s) > coast_s
     }
 
@@ -95,7 +88,7 @@ impl Expected {
         if self.filter.is_still() {
             return Some(self.rest_px);
         }
-        (self.unseen_s(time_s) <= BOX_TRUST_S).then(|| self.motion.at(time_s))
+        (self.unseen_s(time_s) <= UNSEEN_S).then(|| self.motion.at(time_s))
     }
 
     /// Returns the cost of a detection: 0 for a perfect match, [`ALONE`] and above for none.

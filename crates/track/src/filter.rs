@@ -6,25 +6,22 @@
 use nalgebra::{Matrix2, Matrix2x4, Matrix3, Matrix4, Vector2, Vector3, Vector4};
 use roadplane_base::fold_axis;
 
+use crate::box_motion::UNSEEN_S;
+
 /// Power of the white acceleration, m²/s³.
 const ACCELERATION_POWER: f64 = 4.0;
-/// Sd of each velocity component of a new car, m/s.
-const FIRST_SPEED_SD: f64 = 8.0;
-/// Sd of each velocity component of a car that is carried over, m/s.
-const HELD_SPEED_SD: f64 = 0.5;
+/// Sd of each velocity component of a vehicle, m/s.
+pub(crate) const SPEED_SD: f64 = 8.0;
+/// Sd of each velocity component of a stationary vehicle, m/s.
+pub(crate) const STANDING_SPEED_SD: f64 = 0.2;
 /// Power of the axis' random turning, rad²/s.
 const TURN_POWER: f64 = 0.25;
 /// Power of the wandering of a parked car, m²/s. It allows for estimates that still settle.
 const STILL_POWER: f64 = 4e-4;
 /// Greatest distance that a stationary car seems to move, m.
-const STILL_M: f64 = 0.5;
+pub(crate) const STILL_M: f64 = 0.5;
 /// Time within `STILL_M` after which a car counts as stationary, s.
 const STILL_S: f64 = 1.0;
-/// Time without a detection after which a stationary car is no longer expected elsewhere, s. A car that is found
-/// elsewhere then may have come from anywhere.
-const UNSEEN_S: f64 = 0.6;
-/// Largest contribution of the heading to a squared distance, without unit. A wrong axis alone must not lose a car.
-const MAX_HEADING_TERM: f64 = 6.0;
 
 /// The filter of one car, after its last detection.
 #[derive(Clone, Debug)]
@@ -59,7 +56,7 @@ struct Prediction {
 impl Filter {
     /// Starts with the first measurement of a car: its pose (x, y, heading) with covariance, and its time in s.
     pub(crate) fn new(pose: &Vector3<f64>, covariance: &Matrix3<f64>, time_s: f64) -> Self {
-        let mut p = Matrix4::from_diagonal_element(FIRST_SPEED_SD * FIRST_SPEED_SD);
+        let mut p = Matrix4::from_diagonal_element(SPEED_SD * SPEED_SD);
         p.fixed_view_mut::<2, 2>(0, 0).copy_from(&position_part(covariance));
         p.fixed_view_mut::<2, 2>(0, 2).fill(0.0);
         p.fixed_view_mut::<2, 2>(2, 0).fill(0.0);
@@ -103,7 +100,7 @@ impl Filter {
             let position = spread.try_inverse().map_or(f64::INFINITY, |s| away.dot(&(s * away)));
             let turned = fold_axis(pose.z - self.axis);
             let heading = turned * turned / (prediction.axis_variance + covariance[(2, 2)] + 0.01);
-            position + heading.min(MAX_HEADING_TERM)
+            position + heading
         };
         let driving = || to(&self.driving(time_s));
         match (self.is_still(), time_s - self.time_s > UNSEEN_S) {
@@ -152,7 +149,7 @@ impl Filter {
         let Prediction { covariance, .. } = self.standing(time_s);
         self.covariance = Matrix4::zeros();
         self.covariance.fixed_view_mut::<2, 2>(0, 0).copy_from(&covariance.fixed_view::<2, 2>(0, 0));
-        self.covariance.fixed_view_mut::<2, 2>(2, 2).fill_diagonal(HELD_SPEED_SD * HELD_SPEED_SD);
+        self.covariance.fixed_view_mut::<2, 2>(2, 2).fill_diagonal(STANDING_SPEED_SD * STANDING_SPEED_SD);
         self.state.fixed_rows_mut::<2>(2).fill(0.0);
         self.time_s = time_s;
     }

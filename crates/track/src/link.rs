@@ -15,15 +15,16 @@
 //!     + terms of class and size
 //! ```
 //!
-//! An undetected vehicle has three modes: it was stationary, it drove on, or it crept on in a queue. Vehicles appear with
-//! the density λ anywhere. Where the tracklet begins, others that drive appear with the rate r. So a vehicle in flowing
-//! traffic is not the stationary one that was there before. τ is the mean time for which a vehicle stays undetected. Two tracklets that
+//! An undetected vehicle has three modes: it was stationary, it drove on, or it crept on in a queue. In each, τ is the mean
+//! time for which it stays undetected. Vehicles appear anywhere with the density λ. Where the later tracklet begins,
+//! others that drive appear at the rate r. So in flowing traffic, a vehicle is not the stationary one that was there
+//! before.
+//!
 //! A tracklet of boxes alone may be no vehicle. With the probability p that it is one (`existence.rs`), leaving it out of
 //! all tracks gains −log p. In the assignment, its end is then its own beginning.
 //!
-//! Two tracklets that
-//! overlap for a moment also form a pair. They are parts of one vehicle when an object begins to hide it. The earlier
-//! tracklet then counts up to the beginning of the later one.
+//! Two tracklets that overlap for a moment also form a pair. They are parts of one vehicle when an object begins to hide
+//! it. The earlier tracklet then counts up to the beginning of the later one.
 
 use std::{collections::BTreeMap, f64::consts::PI, ops::AddAssign as _};
 
@@ -31,7 +32,9 @@ use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 use roadplane_base::{assign, bbox_iou, fold_axis, upper_median};
 
 use crate::{
+    filter::{SPEED_SD, STANDING_SPEED_SD, STILL_M},
     measurement::Sighting,
+    numbers::sigmoid,
     raw_track::{Link, RawTrack, VOTES, share_space},
 };
 
@@ -41,14 +44,8 @@ const END_S: f64 = 1.0;
 const END_SIGHTINGS: usize = 12;
 /// Share of a detection's variance that is common to neighbouring detections, 0–1.
 const SHARED: f64 = 0.5;
-/// Sd of each velocity component of driving vehicles, m/s.
-const DRIVING_SD: f64 = 8.0;
-/// Sd of each velocity component of stationary vehicles, m/s.
-const STANDING_SD: f64 = 0.2;
 /// Share of vehicles that are stationary when they are first found, 0–1.
 const STANDING_SHARE: f64 = 0.1;
-/// Sd of the wandering of a stationary vehicle's position estimates, m.
-const RESTING_M: f64 = 0.2;
 /// Power of the white acceleration of a vehicle that drives undetected, m²/s³.
 const ACCELERATION_POWER: f64 = 3.0;
 /// Mean time for which a stationary vehicle stays undetected, s (exponential distribution).
@@ -67,7 +64,7 @@ const CREEP_MPS: f64 = 2.5;
 const LINE_M: f64 = 0.6;
 /// Density of vehicles that appear anywhere, per m².
 const APPEARS: f64 = 2e-5;
-/// Distance within which tracklets begin at one place, m: half the width of a lane.
+/// Sd of the distance at which tracklets begin at one place, m: half the width of a lane.
 const PLACE_M: f64 = 1.5;
 /// Log odds in favour of a vehicle that is gone for good, where it can leave the picture.
 const LEAVES: f64 = 2.0;
@@ -87,13 +84,13 @@ pub(crate) fn link(
     horizon_s: f64,
 ) -> Vec<RawTrack> {
     tracklets.retain(|track| !track.observations.is_empty());
-    let mut starts: Vec<End> =
-        tracklets.iter().map(|track| End::of(track, &track.observations, false)).collect();
+    let starts: Vec<End> = tracklets.iter().map(|track| End::of(track, &track.observations, false)).collect();
     let ends: Vec<End> = tracklets.iter().map(|track| End::of(track, &track.observations, true)).collect();
-    count_arrivals(&mut starts, &ends);
+    let exists_p: Vec<f64> = tracklets.iter().map(|track| log_odds(track).map_or(1.0, sigmoid)).collect();
+    let arrivals = Arrivals::new(&starts, &ends);
     // A tracklet that continues itself is in no track: something else explains it.
-    let clutter = |(i, track): (usize, &RawTrack)| Some((i, i, (-log_odds(track)?).exp().ln_1p()));
-    let mut gains: Vec<(usize, usize, f64)> = tracklets.iter().enumerate().filter_map(clutter).collect();
+    let clutter = |(i, p): (usize, &f64)| (*p < 1.0).then(|| (i, i, -p.max(1e-300).ln()));
+    let mut gains: Vec<(usize, usize, f64)> = exists_p.iter().enumerate().filter_map(clutter).collect();
     for (i, end) in ends.iter().enumerate() {
         for (j, start) in starts.iter().enumerate().filter(|(j, _)| *j != i) {
             let gap_s = start.time_s - end.time_s;
@@ -101,10 +98,10 @@ pub(crate) fn link(
                 continue;
             }
             let gain = if gap_s > 0.0 {
-                Some(gain(end, start, gap_s))
+                Some(gain(end, start, gap_s, arrivals.rate(&starts, i, j)))
             } else {
                 let before = before(&tracklets[i], &tracklets[j]);
-                before.map(|end| gain(&end, start, start.time_s - end.time_s))
+                before.map(|end| gain(&end, start, start.time_s - end.time_s, arrivals.rate(&starts, i, j)))
             };
             if let Some(gain) = gain.filter(|gain| *gain > 0.0) {
                 gains.push((i, j, gain));
@@ -115,20 +112,33 @@ pub(crate) fn link(
     chains(tracklets, &next)
 }
 
-/// Counts the driving vehicles that appear where each tracklet begins.
-fn count_arrivals(starts: &mut [End], ends: &[End]) {
-    let first_s = starts.iter().map(|start| start.time_s).fold(f64::INFINITY, f64::min);
-    let last_s = ends.iter().map(|end| end.time_s).fold(f64::NEG_INFINITY, f64::max);
-    // A short clip does not show how often vehicles appear.
-    let seconds = (last_s - first_s).max(STANDS_S);
-    let driving: Vec<(Vector2<f64>, f64)> =
-        starts.iter().map(|start| (start.place(), 1.0 - start.stands)).collect();
-    for (j, start) in starts.iter_mut().enumerate() {
-        let place = start.place();
-        let others =
-            driving.iter().enumerate().filter(|(k, (other, _))| *k != j && (other - place).norm() < PLACE_M);
-        start.arrivals =
-            others.map(|(_, (_, drives))| drives).sum::<f64>() / (PI * PLACE_M * PLACE_M * seconds);
+/// The driving vehicles that appear where tracklets begin.
+struct Arrivals {
+    /// Number of the vehicles per m² that appear where each tracklet begins.
+    near: Vec<f64>,
+    /// Duration of the clip, s.
+    seconds: f64,
+}
+
+impl Arrivals {
+    /// Counts the vehicles.
+    fn new(starts: &[End], ends: &[End]) -> Self {
+        let first_s = starts.iter().map(|start| start.time_s).fold(f64::INFINITY, f64::min);
+        let last_s = ends.iter().map(|end| end.time_s).fold(f64::NEG_INFINITY, f64::max);
+        let near = |at: &End| starts.iter().map(|other| Self::near(other, at)).sum();
+        Self { near: starts.iter().map(near).collect(), seconds: (last_s - first_s).max(0.0) + STANDS_S }
+    }
+
+    /// Returns the density of a driving vehicle that appears where another tracklet begins, per m².
+    fn near(start: &End, at: &End) -> f64 {
+        let spread = start.place_covariance() + at.place_covariance() + Matrix2::identity() * PLACE_M.powi(2);
+        (1.0 - start.stands) * density(&(start.place() - at.place()), &spread)
+    }
+
+    /// Returns the rate at which other vehicles than those of tracklets `i` and `j` appear where `j` begins, per m² and s.
+    fn rate(&self, starts: &[End], i: usize, j: usize) -> f64 {
+        let own = Self::near(&starts[i], &starts[j]) + Self::near(&starts[j], &starts[j]);
+        (self.near[j] - own).max(0.0) / self.seconds
     }
 }
 
@@ -245,8 +255,6 @@ struct End {
     driving: f64,
     /// Whether the picture cuts the vehicle off.
     at_edge: bool,
-    /// Rate of other vehicles that appear here and drive, per m² and s.
-    arrivals: f64,
     /// Logarithm of the vehicle's size: diagonal of the box (px) times the distance (m).
     log_size: f64,
     /// Votes for each class.
@@ -271,7 +279,7 @@ impl End {
         }
         let velocity = state.fixed_rows::<2>(2).into_owned();
         let spread = covariance.fixed_view::<2, 2>(2, 2).into_owned();
-        let [standing, driving] = [STANDING_SD, DRIVING_SD]
+        let [standing, driving] = [STANDING_SPEED_SD, SPEED_SD]
             .map(|sd| density(&velocity, &(spread + Matrix2::identity() * sd.powi(2))));
         let log_size = |o: &Sighting| {
             let [x0, y0, x1, y1] = o.bbox_px;
@@ -288,7 +296,6 @@ impl End {
             standing,
             driving,
             at_edge: edge.cut.contains(&true),
-            arrivals: 0.0,
             log_size: upper_median(&mut sizes, f64::total_cmp).unwrap_or_default(),
             votes: track.votes(),
         }
@@ -319,7 +326,7 @@ impl End {
 /// noise of a detection is the part of its variance that its neighbours do not share.
 fn motion(part: &[&Sighting], time_s: f64) -> (Vector4<f64>, Matrix4<f64>) {
     let mut information = Matrix4::zeros();
-    information.fixed_view_mut::<2, 2>(2, 2).fill_diagonal((1.5 * DRIVING_SD).powi(-2));
+    information.fixed_view_mut::<2, 2>(2, 2).fill_diagonal((1.5 * SPEED_SD).powi(-2));
     let mut weighted = Vector4::zeros();
     let mut shared = Matrix2::zeros();
     for o in part {
@@ -348,13 +355,12 @@ fn density(x: &Vector2<f64>, covariance: &Matrix2<f64>) -> f64 {
 }
 
 /// Returns the log likelihood ratio of one vehicle against two, for a gap in s.
-fn gain(end: &End, start: &End, gap_s: f64) -> f64 {
+fn gain(end: &End, start: &End, gap_s: f64, arrivals: f64) -> f64 {
     let way = start.place() - end.place();
     let places = end.place_covariance() + start.place_covariance();
     // Each mode has its mean time of staying undetected. In this time, the other vehicles appear.
-    let mode =
-        |mean_s: f64, density: f64| (-gap_s / mean_s).exp() * density / (APPEARS + start.arrivals * mean_s);
-    let rested = places + Matrix2::identity() * RESTING_M.powi(2);
+    let mode = |mean_s: f64, density: f64| (-gap_s / mean_s).exp() * density / (APPEARS + arrivals * mean_s);
+    let rested = places + Matrix2::identity() * STILL_M.powi(2);
     let stood = mode(STANDS_S, end.stands * density(&way, &rested) * start.standing);
     let drove = mode(DRIVES_S, drive_density(end, start, gap_s));
     let crept = mode(CREEPS_S, creep_density(end, start, &way, &places, gap_s));

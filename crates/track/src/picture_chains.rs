@@ -14,18 +14,14 @@ use roadplane_base::{bbox_centre, bbox_iou};
 
 use crate::{
     BoxSighting,
-    box_motion::BoxMotion,
+    box_motion::{BoxMotion, UNSEEN_S},
     expected::SURE_OVERLAP,
     frames::{BoxesByFrame, Frames},
     raw_track::RawTrack,
 };
 
-/// Time without a box after which a chain may end, s.
-const LOST_S: f64 = 0.6;
 /// Time without a box after which a chain ends, even if it hardly moves, s.
 const MAX_GAP_S: f64 = 3.0;
-/// Time constant of the smoothed motion of a chain of boxes in the picture, s.
-const MOTION_S: f64 = 0.25;
 /// Length of one step of a chain's path in the picture, in box sizes (square root of the area).
 const STEP_SIZES: f64 = 0.5;
 /// Least number of steps of a chain that moves on.
@@ -46,7 +42,7 @@ pub(crate) struct Chain {
 impl Chain {
     /// Starts a chain with this box (px), at a time in s. The box itself is not added.
     fn new(first_px: [f64; 4], tracklet: Option<usize>, time_s: f64) -> Self {
-        Self { boxes: Vec::new(), tracklet, motion: BoxMotion::new(first_px, time_s, MOTION_S) }
+        Self { boxes: Vec::new(), tracklet, motion: BoxMotion::new(first_px, time_s) }
     }
 
     /// Whether the last box is so long ago that another object may be there. It is if the vehicle has moved by half its
@@ -54,7 +50,7 @@ impl Chain {
     fn is_lost(&self, time_s: f64) -> bool {
         let (last_px, unseen_s) = (self.motion.last_px(), self.motion.unseen_s(time_s));
         let moved_px = (bbox_centre(&self.motion.at(time_s)) - bbox_centre(last_px)).norm();
-        unseen_s > LOST_S && (unseen_s > MAX_GAP_S || moved_px > STEP_SIZES * size_px(last_px))
+        unseen_s > UNSEEN_S && (unseen_s > MAX_GAP_S || moved_px > STEP_SIZES * size_px(last_px))
     }
 
     /// Whether the chain moves on steadily in the picture, in several steps that turn little.

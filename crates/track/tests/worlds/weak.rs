@@ -47,7 +47,7 @@ fn unsure(cars: Vec<Path>) -> Vec<FrameMeasurements> {
             frame.boxes = frame.cars.drain(..).map(|car| weak(car.bbox_px)).collect();
         }
         let jump = 130.0 * (4 * i % 11) as f64;
-        frame.boxes.push(weak([100.0 + jump, 400.0, 220.0 + jump, 480.0]));
+        frame.boxes.push(weak([100.0 + jump, 700.0, 220.0 + jump, 780.0]));
         frame.boxes.push(weak([1500.0, 300.0, 1580.0, 350.0]));
     }
     frames
