@@ -34,8 +34,10 @@ pub(crate) fn add_boxes(
     let mut new = Vec::new();
     for chain in chains(free, &tracklets, frames) {
         let Some(track) = chain.tracklet.map(|index| &mut tracklets[index]) else {
-            // A single box is no chain.
-            new.extend((chain.boxes.len() > 1).then(|| alone(&chain, frames, scene)).flatten());
+            // A single box is no chain, and weak boxes alone are no vehicle.
+            if chain.boxes.len() > 1 && chain.boxes.iter().any(|(_, seen)| seen.is_sure()) {
+                new.extend(alone(&chain, frames, scene));
+            }
             continue;
         };
         let found = of_vehicle(&chain, track, frames, scene);
@@ -81,25 +83,30 @@ fn alone(chain: &Chain, frames: &Frames, scene: &impl Scene) -> Option<RawTrack>
         heading_rad: 0.0,
         heading_sd_rad: FRAC_PI_2,
     };
-    let about: Vec<(f64, Placed)> = (boxes.iter())
-        .filter_map(|(frame, seen)| {
-            Some((frames.times_s[*frame], place(*frame, seen, &vehicle, frames, scene)?))
-        })
+    let about: Vec<(&(usize, BoxSighting), Placed)> = (boxes.iter())
+        .filter_map(|one| Some((one, place(one.0, &one.1, &vehicle, frames, scene)?)))
         .collect();
+    let time_s = |frame: usize| frames.times_s[frame];
     let places: Vec<[f64; 3]> =
-        about.iter().map(|(time_s, at)| [*time_s, at.pose.x_m, at.pose.y_m]).collect();
+        about.iter().map(|((frame, _), at)| [time_s(*frame), at.pose.x_m, at.pose.y_m]).collect();
     // The box of a stationary car shows its heading, if only roughly. Positions that jitter are no path.
     let way_at = |at: &[f64; 3]| Some([at[0], way(&places, at[0])?]);
     let ways: Vec<[f64; 2]> =
         if chain.goes_on() { places.iter().filter_map(way_at).collect() } else { Vec::new() };
     let dims: Vec<[Vector3<f64>; 2]> = about.iter().map(|(_, at)| at.dims_m).collect();
+    if ways.is_empty() {
+        let sighting = |((frame, seen), at): &(&(usize, BoxSighting), Placed)| {
+            Sighting::by_box(seen, at, *frame, time_s(*frame))
+        };
+        return RawTrack::by_boxes(about.iter().map(sighting).collect(), boxes, &dims);
+    }
     if vehicle.class != VehicleClass::Car {
         vehicle.dims_m = RawTrack::mean_dims_m(&dims);
     }
     let heading = |time_s: f64| {
         let away_s = |way: &&[f64; 2]| (way[0] - time_s).abs();
-        let driven = ways.iter().min_by(|a, b| away_s(a).total_cmp(&away_s(b)));
-        Some(driven.map_or([0.0, FRAC_PI_2], |way| [way[1], DRIVEN_HEADING_SD]))
+        let [_, way] = *ways.iter().min_by(|a, b| away_s(a).total_cmp(&away_s(b)))?;
+        Some([way, DRIVEN_HEADING_SD])
     };
     RawTrack::by_boxes(sightings(boxes, &vehicle, heading, frames, scene), boxes, &dims)
 }
