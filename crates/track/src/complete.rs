@@ -12,7 +12,7 @@ use crate::{
     frames::{BoxesByFrame, Frames},
     link::link,
     measurement::{Sighting, Size},
-    parts::without_parts,
+    parts::parts,
     placed_boxes::add_boxes,
     raw_track::{Link, RawTrack},
     smooth::smooth_track,
@@ -84,10 +84,11 @@ pub(crate) fn complete(
         leave_out(&mut free, &tracklets);
         tracklets = add_boxes(tracklets, &free, frames, scene);
     }
-    let tracks = without_parts(completion.linked(tracklets), frames);
-    let judged = completion.judged(tracks);
+    let judged = completion.judged(completion.linked(tracklets));
     let kept = completion.kept(judged);
-    let mut tracks: Vec<Track> = kept.into_iter().map(|one| completion.finished(one)).collect();
+    let is_part = parts(&kept.iter().map(|one| &one.raw).collect::<Vec<&RawTrack>>(), frames);
+    let kept = kept.into_iter().zip(is_part).filter_map(|(one, is_part)| (!is_part).then_some(one));
+    let mut tracks: Vec<Track> = kept.map(|one| completion.finished(one)).collect();
     tracks.retain(|track| !track.states.is_empty());
     let key = |track: &Track| track.states.first().map(|s| (s.stamp.index, s.pose.x_m, s.pose.y_m));
     tracks.sort_by(|a, b| match (key(a), key(b)) {
@@ -146,8 +147,11 @@ impl<S: Scene> Completion<'_, S> {
             return tracklets;
         }
         let log_odds = |raw: &RawTrack| {
-            let evidence = self.evidence(raw, |seen| Some(seen.pose.xy())).filter(|_| raw.is_boxed);
-            evidence.map(|evidence| evidence.log_odds() + BOXED_LOG_ODDS)
+            if !raw.is_boxed {
+                return None;
+            }
+            let evidence = self.evidence(raw, |seen| Some(seen.pose.xy()))?;
+            Some(evidence.log_odds() + BOXED_LOG_ODDS)
         };
         link(tracklets, log_odds, self.options.max_hidden_s)
     }

@@ -20,8 +20,8 @@
 //! others that drive appear at the rate r. So in flowing traffic, a vehicle is not the stationary one that was there
 //! before.
 //!
-//! A tracklet of boxes alone may be no vehicle. With the probability p that it is one (`existence.rs`), leaving it out of
-//! all tracks gains −log p. In the assignment, its end is then its own beginning.
+//! A tracklet of boxes alone may be no vehicle. With the probability p that it is one (`existence.rs`), keeping it apart
+//! from all others gains −log p. In the assignment, its end is then its own beginning.
 //!
 //! Two tracklets that overlap for a moment also form a pair. They are parts of one vehicle when an object begins to hide
 //! it. The earlier tracklet then counts up to the beginning of the later one.
@@ -88,7 +88,7 @@ pub(crate) fn link(
     let ends: Vec<End> = tracklets.iter().map(|track| End::of(track, &track.observations, true)).collect();
     let exists_p: Vec<f64> = tracklets.iter().map(|track| log_odds(track).map_or(1.0, sigmoid)).collect();
     let arrivals = Arrivals::new(&starts, &ends);
-    // A tracklet that continues itself is in no track: something else explains it.
+    // A tracklet that continues itself stays apart: probably, it is no vehicle.
     let clutter = |(i, p): (usize, &f64)| (*p < 1.0).then(|| (i, i, -p.max(1e-300).ln()));
     let mut gains: Vec<(usize, usize, f64)> = exists_p.iter().enumerate().filter_map(clutter).collect();
     for (i, end) in ends.iter().enumerate() {
@@ -116,7 +116,8 @@ pub(crate) fn link(
 struct Arrivals {
     /// Number of the vehicles per m² that appear where each tracklet begins.
     near: Vec<f64>,
-    /// Duration of the clip, s.
+    /// Duration of the clip, with one mean time of a stationary vehicle more, s. A short clip does not show how often
+    /// vehicles appear.
     seconds: f64,
 }
 
@@ -417,8 +418,11 @@ fn creep_density(end: &End, start: &End, way: &Vector2<f64>, places: &Matrix2<f6
 }
 
 /// Returns the log likelihood ratio of the class votes: both tracks are one vehicle, or two unrelated vehicles. It is
-/// at most 0.
+/// at most 0, and 0 if one of them has no votes.
 fn class_gain(end: &End, start: &End) -> f64 {
+    if [end, start].iter().any(|one| one.votes.iter().sum::<f64>() <= 0.0) {
+        return 0.0;
+    }
     let share = |votes: &[f64; VOTES], c: usize| {
         (votes[c] + PRIOR_VOTES[c]) / (votes.iter().sum::<f64>() + PRIOR_VOTES.iter().sum::<f64>())
     };

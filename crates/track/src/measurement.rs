@@ -116,7 +116,7 @@ pub struct SeenAgain {
     pub bbox_px: [f64; 4],
 }
 
-/// A box of the detector, at any score. It can be a detection of a vehicle that is expected there, if no track has it.
+/// A box of the detector, at any score. If no tracklet has it, linking decides which vehicle it shows.
 #[derive(Clone, Copy, Debug)]
 pub struct BoxSighting {
     /// The box (left, top, right, bottom), px.

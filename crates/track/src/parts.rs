@@ -1,4 +1,4 @@
-//! Leaves out parts of vehicles: tracks of boxes alone that accompany another track's vehicle. A lorry's cab is one.
+//! Finds parts of vehicles: tracks of boxes alone that accompany another track's vehicle. A lorry's cab is one.
 
 use std::collections::BTreeMap;
 
@@ -12,14 +12,12 @@ const PART: f64 = 0.8;
 /// lorries and buses may end that far before the vehicle does.
 const APART: f64 = 1.2;
 
-/// Returns the tracks that are no parts of others.
-pub(crate) fn without_parts(tracks: Vec<RawTrack>, frames: &Frames) -> Vec<RawTrack> {
-    let (boxed, mut kept): (Vec<RawTrack>, Vec<RawTrack>) =
-        tracks.into_iter().partition(|track| track.is_boxed);
-    let others = boxes_of(&kept, frames);
+/// Returns, for each track, whether it is a part of another track's vehicle.
+pub(crate) fn parts(tracks: &[&RawTrack], frames: &Frames) -> Vec<bool> {
+    let others = boxes_of(tracks, frames);
     let apart: Vec<f64> =
-        kept.iter().map(|track| if track.class() == VehicleClass::Car { 0.0 } else { APART }).collect();
-    let is_part = |track: &RawTrack| {
+        tracks.iter().map(|track| if track.class() == VehicleClass::Car { 0.0 } else { APART }).collect();
+    let is_part = |track: &&RawTrack| {
         let mut touched: BTreeMap<usize, usize> = BTreeMap::new();
         for seen in &track.observations {
             let [x0, y0, x1, y1] = seen.bbox_px;
@@ -32,15 +30,14 @@ pub(crate) fn without_parts(tracks: Vec<RawTrack>, frames: &Frames) -> Vec<RawTr
         }
         touched.values().any(|touches| *touches as f64 >= PART * track.observations.len() as f64)
     };
-    kept.extend(boxed.into_iter().filter(|track| !is_part(track)));
-    kept
+    tracks.iter().map(|track| track.is_boxed && is_part(track)).collect()
 }
 
-/// Returns the boxes (px) of the tracks in each inference frame, with the track's index. Where a track was not
-/// detected, its box is interpolated.
-fn boxes_of(tracks: &[RawTrack], frames: &Frames) -> BTreeMap<usize, Vec<(usize, [f64; 4])>> {
+/// Returns the boxes (px) in each inference frame of the tracks that are not of boxes alone, with the track's index. Where
+/// a track was not detected, its box is interpolated.
+fn boxes_of(tracks: &[&RawTrack], frames: &Frames) -> BTreeMap<usize, Vec<(usize, [f64; 4])>> {
     let mut boxes: BTreeMap<usize, Vec<(usize, [f64; 4])>> = BTreeMap::new();
-    for (t, track) in tracks.iter().enumerate() {
+    for (t, track) in tracks.iter().enumerate().filter(|(_, track)| !track.is_boxed) {
         for pair in track.observations.windows(2) {
             let span_s = (pair[1].time_s - pair[0].time_s).max(f64::MIN_POSITIVE);
             for frame in (pair[0].frame..pair[1].frame).filter(|frame| frames.looked[*frame]) {

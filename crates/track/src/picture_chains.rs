@@ -45,8 +45,8 @@ impl Chain {
         Self { boxes: Vec::new(), tracklet, motion: BoxMotion::new(first_px, time_s) }
     }
 
-    /// Whether the last box is so long ago that another object may be there. It is if the vehicle has moved by half its
-    /// size since.
+    /// Whether the last box is so long ago that another object may be there: the vehicle has moved by half its size
+    /// since, or 3 s have passed.
     fn is_lost(&self, time_s: f64) -> bool {
         let (last_px, unseen_s) = (self.motion.last_px(), self.motion.unseen_s(time_s));
         let moved_px = (bbox_centre(&self.motion.at(time_s)) - bbox_centre(last_px)).norm();
@@ -121,6 +121,8 @@ fn continue_chains(open: &mut Vec<Chain>, all: &[(Next<'_>, [f64; 4])], frame: u
             let overlap = match (chain.tracklet, next) {
                 // The chain of a tracklet has the tracklet's boxes, and of no other.
                 (Some(own), Next::Tracklet(index)) => f64::from(u8::from(own == *index)),
+                // In a long gap of a tracklet, other vehicles pass.
+                (Some(_), Next::Free(_)) if chain.is_lost(time_s) => 0.0,
                 _ => bbox_iou(&expected_px, bbox_px),
             };
             if overlap > SURE_OVERLAP {

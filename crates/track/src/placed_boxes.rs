@@ -1,7 +1,7 @@
 //! Places the boxes that no tracklet has on the ground, as tracklets of their own.
 //!
-//! A chain of boxes that precedes or follows a tracklet is placed as that vehicle. Any other chain is placed once its
-//! boxes show the direction of travel. Linking decides which vehicle a chain belongs to, and whether it is one.
+//! A chain of boxes that precedes or follows a tracklet is placed as that vehicle. Any other chain has the heading of its
+//! path, if its boxes show one. Linking decides which vehicle a chain belongs to.
 
 use std::{collections::BTreeMap, f64::consts::FRAC_PI_2};
 
@@ -33,28 +33,35 @@ pub(crate) fn add_boxes(
 ) -> Vec<RawTrack> {
     let mut new = Vec::new();
     for chain in chains(free, &tracklets, frames) {
-        let Some(track) = chain.tracklet.map(|index| &mut tracklets[index]) else {
+        let Some(index) = chain.tracklet else {
             // A single box is no chain, and weak boxes alone are no vehicle.
             if chain.boxes.len() > 1 && chain.boxes.iter().any(|(_, seen)| seen.is_sure()) {
                 new.extend(alone(&chain, frames, scene));
             }
             continue;
         };
-        let found = of_vehicle(&chain, track, frames, scene);
+        let track = &tracklets[index];
         let ends = track.observations.first().zip(track.observations.last());
         let Some((first, last)) = ends.map(|(first, last)| (first.frame, last.frame)) else { continue };
-        let from = found.partition_point(|seen| seen.frame < first);
-        let to = found.partition_point(|seen| seen.frame < last);
-        let part = |part: &[Sighting]| RawTrack::by_boxes(part.to_vec(), &[], &[]);
-        new.extend([part(&found[..from]), part(&found[to..])].into_iter().flatten());
-        track.insert(&found[from..to]);
+        let (before, rest) = chain.boxes.split_at(chain.boxes.partition_point(|(frame, _)| *frame < first));
+        let (between, after) = rest.split_at(rest.partition_point(|(frame, _)| *frame < last));
+        // The labels of these boxes do not vote: the tracklet knows the class better.
+        let part = |boxes| RawTrack::by_boxes(of_vehicle(boxes, track, frames, scene), &[], &[]);
+        new.extend([part(before), part(after)].into_iter().flatten());
+        let found = of_vehicle(between, track, frames, scene);
+        tracklets[index].insert(&found);
     }
     tracklets.extend(new);
     tracklets
 }
 
 /// Places boxes on the ground as those of the tracklet's vehicle.
-fn of_vehicle(chain: &Chain, track: &RawTrack, frames: &Frames, scene: &impl Scene) -> Vec<Sighting> {
+fn of_vehicle(
+    boxes: &[(usize, BoxSighting)],
+    track: &RawTrack,
+    frames: &Frames,
+    scene: &impl Scene,
+) -> Vec<Sighting> {
     let vehicle = ExpectedVehicle {
         class: track.class(),
         dims_m: track.dims_m(),
@@ -70,7 +77,7 @@ fn of_vehicle(chain: &Chain, track: &RawTrack, frames: &Frames, scene: &impl Sce
         let driven = way(&places, near.time_s).map(|way| [way, DRIVEN_HEADING_SD]);
         Some(driven.unwrap_or([near.pose.z, near.covariance[(2, 2)].sqrt()]))
     };
-    sightings(&chain.boxes, &vehicle, heading, frames, scene)
+    sightings(boxes, &vehicle, heading, frames, scene)
 }
 
 /// Returns the tracklet of a chain without a tracklet; `None` where the camera cannot see it on the ground.

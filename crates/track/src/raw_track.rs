@@ -28,7 +28,7 @@ pub(crate) struct RawTrack {
     dims: DimsSum,
     /// Joins of tracklets, in the order of time.
     pub links: Vec<Link>,
-    /// Number of detections of which the detector is certain. Those that are carried over do not count.
+    /// Number of boxes without a tracklet of which the detector is certain. Those that are carried over do not count.
     pub certain: usize,
     /// Whether all of it was chained in the picture, from boxes that no tracklet has.
     pub is_boxed: bool,
@@ -126,7 +126,6 @@ impl RawTrack {
         if let Some(dims) = &car.dims_m {
             self.dims.add(dims);
         }
-        self.certain += 1;
         self.observations.push(observation);
     }
 

@@ -7,7 +7,7 @@
 pub struct TrackSteps {
     /// Drops a new track that is not detected several times within its first inference frames (`tracker.rs`).
     pub confirm: bool,
-    /// Merges two tracks of one vehicle, before smoothing and after it (`duplicates.rs`).
+    /// Merges two tracks of one vehicle, before linking and after it (`duplicates.rs`).
     pub merge: bool,
     /// Links tracklets over gaps (`link.rs`).
     pub link: bool,
