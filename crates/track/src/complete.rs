@@ -19,7 +19,7 @@ use crate::{
     smooth_boxes::smooth_by_boxes,
 };
 
-/// Log odds that boxes without a tracklet are a vehicle, beyond their evidence: most of them are no track. Chosen on 25
+/// Log odds that boxes without a tracklet are a vehicle, beyond their evidence: most such boxes are none. Chosen on 25
 /// clips (`docs/book/science.md`).
 const BOXED_LOG_ODDS: f64 = -2.0;
 

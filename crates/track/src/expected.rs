@@ -125,7 +125,7 @@ impl Expected {
 
     /// Returns the overlap (IoU) of a box with the visible part of the expected box. `goes_on`: edges beyond which the
     /// vehicle continues.
-    pub(crate) fn overlap(&self, bbox_px: &[f64; 4], goes_on: [bool; 4], time_s: f64) -> f64 {
+    fn overlap(&self, bbox_px: &[f64; 4], goes_on: [bool; 4], time_s: f64) -> f64 {
         let expected = self.box_px(time_s);
         expected.map_or(0.0, |expected| bbox_iou(&bbox_part_seen(&expected, bbox_px, goes_on), bbox_px))
     }

@@ -83,12 +83,7 @@ impl Filter {
 
     /// Whether the car is stationary.
     pub(crate) fn is_still(&self) -> bool {
-        self.stood_s() >= STILL_S
-    }
-
-    /// Returns the time for which the car has been stationary, s.
-    pub(crate) fn stood_s(&self) -> f64 {
-        self.time_s - self.anchor_s
+        self.time_s - self.anchor_s >= STILL_S
     }
 
     /// Returns the squared Mahalanobis distance of a measurement. The car may have stopped or driven on;

@@ -114,7 +114,7 @@ pub(crate) fn link(
 
 /// The driving vehicles that appear where tracklets begin.
 struct Arrivals {
-    /// Number of the vehicles per m² that appear where each tracklet begins.
+    /// Number of other vehicles per m² that appear where each tracklet begins.
     near: Vec<f64>,
     /// Duration of the clip, with one mean time of a stationary vehicle more, s. A short clip does not show how often
     /// vehicles appear.
@@ -126,8 +126,12 @@ impl Arrivals {
     fn new(starts: &[End], ends: &[End]) -> Self {
         let first_s = starts.iter().map(|start| start.time_s).fold(f64::INFINITY, f64::min);
         let last_s = ends.iter().map(|end| end.time_s).fold(f64::NEG_INFINITY, f64::max);
-        let near = |at: &End| starts.iter().map(|other| Self::near(other, at)).sum();
-        Self { near: starts.iter().map(near).collect(), seconds: (last_s - first_s).max(0.0) + STANDS_S }
+        let near = |(j, at): (usize, &End)| {
+            let others = starts.iter().enumerate().filter(|(k, _)| *k != j);
+            others.map(|(_, other)| Self::near(other, at)).sum()
+        };
+        let near = starts.iter().enumerate().map(near).collect();
+        Self { near, seconds: (last_s - first_s).max(0.0) + STANDS_S }
     }
 
     /// Returns the density of a driving vehicle that appears where another tracklet begins, per m².
@@ -138,8 +142,7 @@ impl Arrivals {
 
     /// Returns the rate at which other vehicles than those of tracklets `i` and `j` appear where `j` begins, per m² and s.
     fn rate(&self, starts: &[End], i: usize, j: usize) -> f64 {
-        let own = Self::near(&starts[i], &starts[j]) + Self::near(&starts[j], &starts[j]);
-        (self.near[j] - own).max(0.0) / self.seconds
+        (self.near[j] - Self::near(&starts[i], &starts[j])).max(0.0) / self.seconds
     }
 }
 
@@ -180,10 +183,8 @@ fn choose(count: usize, gains: &[(usize, usize, f64)]) -> Vec<Option<(usize, f64
             all
         };
         let (rows, columns) = (sorted(|p| p.0), sorted(|p| p.1));
-        let cost = |r: usize, c: usize| {
-            let pair = pairs.iter().find(|p| p.0 == rows[r] && p.1 == columns[c]);
-            pair.map_or(f64::INFINITY, |(_, _, gain)| -gain)
-        };
+        let gains: BTreeMap<(usize, usize), f64> = pairs.iter().map(|&(i, j, gain)| ((i, j), gain)).collect();
+        let cost = |r: usize, c: usize| gains.get(&(rows[r], columns[c])).map_or(f64::INFINITY, |gain| -gain);
         for (row, column) in assign(rows.len(), columns.len(), 0.0, cost).into_iter().enumerate() {
             let column = column.map(|c| columns[c]).filter(|c| *c != rows[row]);
             next[rows[row]] = column.map(|c| (c, log_odds(rows[row], c, pairs)));
@@ -355,7 +356,8 @@ fn density(x: &Vector2<f64>, covariance: &Matrix2<f64>) -> f64 {
     (-0.5 * x.dot(&(inverse * x))).exp() / (2.0 * PI * covariance.determinant().max(1e-300).sqrt())
 }
 
-/// Returns the log likelihood ratio of one vehicle against two, for a gap in s.
+/// Returns the log likelihood ratio of one vehicle against two, for a gap in s. Other vehicles appear at the rate
+/// `arrivals` where the gap ends, per m² and s.
 fn gain(end: &End, start: &End, gap_s: f64, arrivals: f64) -> f64 {
     let way = start.place() - end.place();
     let places = end.place_covariance() + start.place_covariance();

@@ -135,7 +135,7 @@ fn continue_chains(open: &mut Vec<Chain>, all: &[(Next<'_>, [f64; 4])], frame: u
     for (_, c, b) in pairs {
         let (next, bbox_px) = all[b];
         let has_chain = |index: usize| {
-            open.iter().any(|other| other.tracklet == Some(index)) && open[c].tracklet.is_none()
+            open[c].tracklet.is_none() && open.iter().any(|other| other.tracklet == Some(index))
         };
         if went_on.contains(&c)
             || used.contains(&b)

@@ -3,7 +3,7 @@
 //! A chain of boxes that precedes or follows a tracklet is placed as that vehicle. Any other chain has the heading of its
 //! path, if its boxes show one. Linking decides which vehicle a chain belongs to.
 
-use std::{collections::BTreeMap, f64::consts::FRAC_PI_2};
+use std::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 use roadplane_base::{Shape, VehicleClass};
@@ -13,7 +13,7 @@ use crate::{
     frames::{BoxesByFrame, Frames},
     measurement::Sighting,
     picture_chains::{Chain, chains},
-    raw_track::RawTrack,
+    raw_track::{RawTrack, votes_of},
 };
 
 /// Half of the time whose positions show the direction of travel, s.
@@ -72,8 +72,7 @@ fn of_vehicle(
     let places: Vec<[f64; 3]> =
         track.observations.iter().map(|seen| [seen.time_s, seen.pose.x, seen.pose.y]).collect();
     let heading = |time_s: f64| {
-        let away_s = |seen: &&Sighting| (seen.time_s - time_s).abs();
-        let near = track.observations.iter().min_by(|a, b| away_s(a).total_cmp(&away_s(b)))?;
+        let near = nearest(&track.observations, time_s, |seen| seen.time_s)?;
         let driven = way(&places, near.time_s).map(|way| [way, DRIVEN_HEADING_SD]);
         Some(driven.unwrap_or([near.pose.z, near.covariance[(2, 2)].sqrt()]))
     };
@@ -111,8 +110,7 @@ fn alone(chain: &Chain, frames: &Frames, scene: &impl Scene) -> Option<RawTrack>
         vehicle.dims_m = RawTrack::mean_dims_m(&dims);
     }
     let heading = |time_s: f64| {
-        let away_s = |way: &&[f64; 2]| (way[0] - time_s).abs();
-        let [_, way] = *ways.iter().min_by(|a, b| away_s(a).total_cmp(&away_s(b)))?;
+        let [_, way] = *nearest(&ways, time_s, |way| way[0])?;
         Some([way, DRIVEN_HEADING_SD])
     };
     RawTrack::by_boxes(sightings(boxes, &vehicle, heading, frames, scene), boxes, &dims)
@@ -148,12 +146,15 @@ fn place(
     placed.covariance.cholesky().is_some().then_some(placed)
 }
 
+/// Returns the item whose time is nearest to `time_s`, s.
+fn nearest<T>(items: &[T], time_s: f64, at_s: impl Fn(&T) -> f64) -> Option<&T> {
+    let away_s = |item: &T| (at_s(item) - time_s).abs();
+    items.iter().min_by(|a, b| away_s(a).total_cmp(&away_s(b)))
+}
+
 /// Returns the class of a chain, by the boxes of which the detector is certain.
 fn class(boxes: &[(usize, BoxSighting)]) -> VehicleClass {
-    let mut votes: BTreeMap<VehicleClass, f64> = BTreeMap::new();
-    for (_, seen) in boxes.iter().filter(|(_, seen)| seen.is_sure()) {
-        *votes.entry(seen.class).or_default() += seen.score;
-    }
+    let votes = votes_of(boxes);
     votes.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(VehicleClass::Car, |(class, _)| class)
 }
 

@@ -106,10 +106,7 @@ impl RawTrack {
     ) -> Option<Self> {
         let first = observations.first()?;
         let shape = ShapeSum::new(first.pose.xy(), first.pose.z);
-        let (mut votes, dims, links) = (BTreeMap::new(), DimsSum::of(dims_m), Vec::new());
-        for (_, seen) in boxes.iter().filter(|(_, seen)| seen.is_sure()) {
-            *votes.entry(seen.class).or_default() += seen.score;
-        }
+        let (votes, dims, links) = (votes_of(boxes), DimsSum::of(dims_m), Vec::new());
         let certain = boxes.iter().filter(|(_, seen)| seen.is_sure() && !seen.held).count();
         Some(Self { observations, shape, votes, dims, links, certain, is_boxed: true })
     }
@@ -177,6 +174,15 @@ impl RawTrack {
             VehicleClass::Bus
         }
     }
+}
+
+/// Returns the sum of the scores for each class, over the boxes of which the detector is certain.
+pub(crate) fn votes_of(boxes: &[(usize, BoxSighting)]) -> BTreeMap<VehicleClass, f64> {
+    let mut votes = BTreeMap::new();
+    for (_, seen) in boxes.iter().filter(|(_, seen)| seen.is_sure()) {
+        *votes.entry(seen.class).or_default() += seen.score;
+    }
+    votes
 }
 
 /// Whether two detections are of one car: their boxes overlap much, at about the same position.
