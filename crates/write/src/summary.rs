@@ -214,6 +214,10 @@ pub struct Counts {
     /// clip.
     #[serde(default)]
     pub frames_not_followed: u64,
+    /// Number of inference frames that repeat the picture before them. They are no evidence of motion, so tracks do not
+    /// use them.
+    #[serde(default)]
+    pub frames_repeated: u64,
     /// Number of detected boxes by class of vehicle.
     pub boxes: BTreeMap<String, u64>,
     /// Number of rejected cars by reason of rejection.

@@ -188,6 +188,7 @@ pub fn note_solution(summary: &mut Summary, solution: &ClipSolution) {
     let counts = &mut summary.counts;
     counts.boxes = solution.tally.boxes.clone();
     counts.rejected = solution.tally.rejected.clone();
+    counts.frames_repeated = solution.tally.repeated_frames;
     counts.poses_used = solution.poses_used;
     counts.tracks = solution.shapes.len() as u64;
     counts.tracks_left_out = solution.tally.left_out_tracks;

@@ -18,6 +18,7 @@ use roadplane_track::{
 use crate::cameras::camera_track::CameraTrack;
 use crate::tracks::known::KnownCar;
 use crate::tracks::poses::{CarriedPoses, pose_record};
+use crate::tracks::repeats::Repeats;
 use crate::tracks::scene::SiteScene;
 use crate::tracks::stretch::TimeChunk;
 use crate::tracks::views::Views;
@@ -32,6 +33,8 @@ pub struct Tally {
     pub rejected: BTreeMap<String, u64>,
     /// Number of tracks that are left out, because they are probably no vehicles.
     pub left_out_tracks: u64,
+    /// Number of inference frames that repeat the picture before them.
+    pub repeated_frames: u64,
 }
 
 /// The input of a pass over the frames.
@@ -74,8 +77,8 @@ impl Pass<'_> {
         let mut views = Views::default();
         let mut looks = CarriedPoses::default();
         let limits = self.config.solve.fit_limits();
-        for frame in frames {
-            let frame = frame?;
+        for frame in Repeats::new(frames) {
+            let (frame, repeats) = frame?;
             let own = stretch.holds(frame.time_s);
             let Some(estimate) = self.cameras.at(frame.time_s) else { continue };
             let position = self.cameras.position_at(frame.time_s);
@@ -154,7 +157,7 @@ impl Pass<'_> {
                 }
                 let Some(fit) = fit else { continue };
                 if let Some(mut pose) = pose_record(&frame, index, &fit, self.atlas) {
-                    pose.used = reason.is_none() && is_car;
+                    pose.used = reason.is_none() && is_car && !repeats;
                     looks.store(&pose);
                     if own {
                         sink(&pose)?;
@@ -163,6 +166,12 @@ impl Pass<'_> {
             }
             let pts_nanos = (frame.time_s * 1e9).round() as i64;
             let stamp = FrameStamp { index: frame.frame, pts_nanos };
+            if repeats {
+                tally.repeated_frames += u64::from(own);
+                tracker
+                    .push(&FrameMeasurements { looked: false, ..FrameMeasurements::seen(stamp, Vec::new()) });
+                continue;
+            }
             let looked = frame.watch.as_ref().is_none_or(|watch| watch.looked);
             if known.is_some() {
                 boxes.extend(
