@@ -19,10 +19,10 @@ const NEAR_BORDER_PX: f64 = 4.0;
 /// Lowest score of a box that takes part in merging.
 const MIN_CANDIDATE_SCORE: f64 = 0.1;
 
-/// The vehicles detected in a part of a picture.
+/// The boxes detected in a part of a picture, from all passes.
 pub(crate) struct Detections {
-    /// Vehicles, merged over the passes.
-    pub found: Vec<Found>,
+    /// Boxes that show whole vehicles. They are not merged.
+    pub found: Vec<Candidate>,
     /// Boxes that are probably cut by a border of the part. They are not merged. The picture's own borders do not
     /// count.
     pub cut: Vec<Candidate>,
@@ -92,9 +92,12 @@ impl Detector {
     /// # Errors
     /// [`DetectError::Net`] when the net fails or returns numbers that are not finite.
     pub fn detect(&mut self, frame: &Frame) -> Result<Vec<CarRecord>, DetectError> {
-        let (width, height) = (f64::from(frame.image.width()), f64::from(frame.image.height()));
-        let detections = self.inspect(&frame.image, Part::whole(&frame.image), self.options.min_score)?;
-        Ok(detections.found.into_iter().filter_map(|f| record(f, width, height)).collect())
+        let (width, height) = (frame.image.width(), frame.image.height());
+        let mut scales = self.options.scales(width, height);
+        scales.extend(self.options.fine(width, height).map(|fine| fine.scale));
+        let detections = self.inspect(&frame.image, Part::whole(&frame.image), &scales)?;
+        let found = merge(detections.found, &self.options, self.options.min_score);
+        Ok(found.into_iter().filter_map(|f| record(f, f64::from(width), f64::from(height))).collect())
     }
 
     /// Returns the options.
@@ -102,17 +105,16 @@ impl Detector {
         &self.options
     }
 
-    /// Returns the vehicles in a part of a picture, highest score first. Vehicles with a score below `min_score` are
-    /// left out. Boxes are in px from the top-left corner of the whole picture.
+    /// Returns the boxes of vehicles in a part of a picture, one pass for each scale. They are in px from the top-left
+    /// corner of the whole picture.
     pub(crate) fn inspect(
         &mut self,
         image: &RgbImage,
         part: Part,
-        min_score: f64,
+        scales: &[f64],
     ) -> Result<Detections, DetectError> {
-        let scales = self.options.scales(image.width(), image.height());
         let (mut found, mut cut) = (Vec::new(), Vec::new());
-        for scale in &scales {
+        for scale in scales {
             let (longest, overlap) = (self.options.tile_px as f64, self.options.tile_overlap_px as f64);
             let to_frame = |px: f64| (px / scale) as usize;
             for tile in tiles(part, to_frame(longest), to_frame(overlap)) {
@@ -134,7 +136,7 @@ impl Detector {
                 }
             }
         }
-        Ok(Detections { found: merge(found, &self.options, min_score), cut })
+        Ok(Detections { found, cut })
     }
 
     fn run(&mut self, image: &Array4<f32>) -> Result<Vec<Candidate>, DetectError> {

@@ -4,7 +4,9 @@ use roadplane_base::{CarRecord, WeakBox, bbox_centre, bbox_share_inside};
 use roadplane_watch::{Cells, View};
 
 use crate::DetectOptions;
+use crate::decode::Candidate;
 use crate::detector::{Detections, record};
+use crate::merge::merge;
 
 /// Smallest share of a box that one inspected area must cover. Only then does the box count as inspected as a whole.
 const WHOLE: f64 = 0.9;
@@ -17,6 +19,8 @@ pub(crate) struct FrameDetections {
     options: DetectOptions,
     view: View,
     cores: Vec<[f64; 4]>,
+    /// Boxes that are not merged yet.
+    candidates: Vec<Candidate>,
     /// The cells that the inspected areas (`cores`) touch.
     pub inspected: Cells,
     /// The cells that boxes of any score touch. A vehicle may be in these cells.
@@ -37,6 +41,7 @@ impl FrameDetections {
             options: options.clone(),
             view,
             cores: Vec::new(),
+            candidates: Vec::new(),
             inspected,
             vehicles,
             found: Vec::new(),
@@ -45,27 +50,27 @@ impl FrameDetections {
         }
     }
 
-    /// Adds the detections in a part of the picture. Only the areas `cores` of this part count as inspected. The
-    /// picture's width and height are in px.
-    pub(crate) fn add(&mut self, detections: Detections, cores: Vec<[f64; 4]>, (width, height): (f64, f64)) {
+    /// Adds the detections in a part of the picture. Only the areas `cores` of this part count as inspected.
+    pub(crate) fn add(&mut self, detections: Detections, cores: Vec<[f64; 4]>) {
         cores.iter().for_each(|core| self.inspected.insert_box(&self.view.in_keyframe(core)));
         self.cores.extend(cores);
         let min_score = self.options.min_score;
         self.cut.extend(detections.cut.iter().filter(|cut| cut.score >= min_score).map(|cut| cut.bbox));
-        for one in detections.found {
+        self.candidates.extend(detections.found);
+    }
+
+    /// Merges the boxes of all parts and passes. Those with a score from `weak_score` on may be vehicles. The picture's
+    /// width and height are in px.
+    pub(crate) fn merge(&mut self, weak_score: f64, (width, height): (f64, f64)) {
+        for one in merge(std::mem::take(&mut self.candidates), &self.options, weak_score) {
             self.vehicles.insert_box(&self.view.in_keyframe(&one.bbox));
             let Some(record) = record(one, width, height) else { continue };
-            if one.score < min_score {
+            if one.score < self.options.min_score {
                 self.weak.push(WeakBox { bbox_px: record.bbox_px, score: record.score });
-            } else if !self.has(&record.bbox_px) {
+            } else {
                 self.found.push(record);
             }
         }
-    }
-
-    /// Whether a vehicle with this box was already found.
-    fn has(&self, bbox: &[f64; 4]) -> bool {
-        self.found.iter().any(|other| self.options.are_one(&other.bbox_px, bbox))
     }
 
     /// Whether a box was inspected as a whole.

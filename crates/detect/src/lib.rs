@@ -12,6 +12,7 @@
 //! ```text
 //! Observation (watch) → RoiScheduler   chooses areas: changes, moving vehicles, a periodic full scan
 //!                                      (regions_of_interest.rs, tracked_box.rs, frame_detections.rs)
+//!                     → FineRows       rows in which the fine pass runs, too   (fine_rows.rs)
 //!                     → regions        parts of the picture that cover these areas   (regions.rs)
 //!                     → Detector       runs the net in all passes and merges the boxes
 //!                                      (detector.rs, resample.rs, decode.rs, merge.rs)
@@ -20,6 +21,7 @@
 mod decode;
 mod detector;
 mod error;
+mod fine_rows;
 mod frame_detections;
 mod merge;
 mod options;

@@ -9,6 +9,7 @@
 use roadplane_base::{CarRecord, FrameStamp, WeakBox, bbox_around, bbox_centre, bbox_covered};
 use roadplane_watch::{Cells, ChangeMap, Observation, View};
 
+use crate::fine_rows::FineRows;
 use crate::frame_detections::{FrameDetections, weak_beside};
 use crate::regions::regions;
 use crate::resample::Part;
@@ -62,6 +63,8 @@ pub struct RoiScheduler {
     idle_until: Vec<f64>,
     /// How the last inference frame shows the keyframe. `None` if it does not.
     view: Option<View>,
+    /// The rows in which vehicles are small. `None` before the first inference frame.
+    rows: Option<FineRows>,
 }
 
 impl RoiScheduler {
@@ -76,6 +79,7 @@ impl RoiScheduler {
             frames: 0,
             idle_until: Vec::new(),
             view: None,
+            rows: None,
         }
     }
 
@@ -117,7 +121,8 @@ impl RoiScheduler {
         let Some(view) = observation.view else {
             // The camera moves too fast, or something is in front of it. The state of the keyframe stays as it is.
             let (own, all) = (View::at_rest(image), all_cells());
-            let FrameDetections { found, weak, .. } = inspected(detector, image, own, &all, &[whole(image)])?;
+            let FrameDetections { found, weak, .. } =
+                self.inspected(detector, image, own, &all, [&[whole(image)], &[]])?;
             let weak = weak_beside(&weak, &found, detector.options());
             return Ok(RoiDetections { cars: found, weak, changed: 1.0, inspected: 1.0, busy: all });
         };
@@ -187,16 +192,24 @@ impl RoiScheduler {
         view: &View,
         changed: &Cells,
     ) -> Result<FrameDetections, DetectError> {
-        let areas = if self.frames <= FIRST_FULL_FRAMES {
-            vec![whole(image)]
-        } else {
-            let scales = detector.options().scales(image.width(), image.height());
-            let finest = scales.last().copied().unwrap_or(1.0);
-            let [_, _, width, height] = whole(image);
-            let scan = scan_part(number, self.frames_per_scan, width, height, finest);
-            self.due_areas(changed, time_s, view, scan)
-        };
-        let detections = inspected(detector, image, *view, changed, &areas)?;
+        let (width, height) = (image.width(), image.height());
+        let (mut areas, mut scan) = (vec![whole(image)], None);
+        if self.frames > FIRST_FULL_FRAMES {
+            let finest = detector.options().scales(width, height).last().copied().unwrap_or(1.0);
+            scan = scan_part(number, self.frames_per_scan, f64::from(width), f64::from(height), finest);
+            scan = scan.map(|core| self.with_vehicles(core, time_s, view));
+            areas = self.due_areas(changed, time_s, view);
+        }
+        let fine = detector.options().fine(width, height);
+        let is_first = self.rows.is_none();
+        let has_fine = fine.is_some_and(|fine| is_first || number.is_multiple_of(fine.every));
+        if fine.is_some() && !has_fine {
+            areas.retain(|area| !self.is_above(area, height));
+        }
+        let mut fine_areas = if has_fine { areas.clone() } else { Vec::new() };
+        areas.extend(scan);
+        fine_areas.extend(scan);
+        let detections = self.inspected(detector, image, *view, changed, [&areas, &fine_areas])?;
         // A cut box is inspected as a whole in the next inference frame. The exception is a box that shows a
         // carried-over vehicle beside the inspected area.
         let is_carried_over = |bbox: &[f64; 4]| {
@@ -209,9 +222,46 @@ impl RoiScheduler {
         Ok(detections)
     }
 
-    /// Returns the areas that are due for inspection, as boxes in px of the frame. `scan` is the part of the full scan
-    /// that is due.
-    fn due_areas(&self, changed: &Cells, time_s: f64, view: &View, scan: Option<[f64; 4]>) -> Vec<[f64; 4]> {
+    /// Whether an area lies above the row where small vehicles end. It then needs no other pass than the fine one.
+    fn is_above(&self, area: &[f64; 4], height: u32) -> bool {
+        self.rows.as_ref().is_some_and(|rows| area[3] < rows.end_px(f64::from(height)))
+    }
+
+    /// Runs the net on areas of a picture, px. The fine pass has its own areas. Of these, only the parts count where
+    /// vehicles are small. At first, this is the whole picture.
+    fn inspected(
+        &mut self,
+        detector: &mut Detector,
+        image: &image::RgbImage,
+        view: View,
+        grid: &Cells,
+        [areas, fine_areas]: [&[[f64; 4]]; 2],
+    ) -> Result<FrameDetections, DetectError> {
+        let (width, height) = (image.width(), image.height());
+        let scales = detector.options().scales(width, height);
+        let fine = detector.options().fine(width, height);
+        let is_above = |area: &[f64; 4]| fine.is_some() && self.is_above(area, height);
+        let mut detections = FrameDetections::new(detector.options(), view, grid);
+        let others: Vec<[f64; 4]> = areas.iter().filter(|area| !is_above(area)).copied().collect();
+        for region in regions(&others, Part::whole(image), &scales) {
+            detections.add(detector.inspect(image, region.part, &scales)?, region.cores);
+        }
+        if let Some(fine) = fine {
+            let end_px = self.rows.as_ref().map_or(f64::from(height), |rows| rows.end_px(f64::from(height)));
+            let rows = Part { height: end_px as usize, ..Part::whole(image) };
+            for region in regions(fine_areas, rows, &[fine.scale]) {
+                let cores = region.cores.into_iter().filter(is_above).collect();
+                detections.add(detector.inspect(image, region.part, &[fine.scale])?, cores);
+            }
+        }
+        detections.merge(WEAK_SCORE, (f64::from(width), f64::from(height)));
+        let finest = scales.last().copied().unwrap_or(1.0);
+        self.rows.get_or_insert_default().add(&detections.found, f64::from(height), finest);
+        Ok(detections)
+    }
+
+    /// Returns the areas that are due for inspection, as boxes in px of the frame.
+    fn due_areas(&self, changed: &Cells, time_s: f64, view: &View) -> Vec<[f64; 4]> {
         let mut due = changed.emptied();
         for (column, row) in changed.iter() {
             // A change at the picture's border may be the front of a vehicle that is just entering.
@@ -246,40 +296,25 @@ impl RoiScheduler {
         let in_picture = groups.iter().map(|area| view.in_picture(area));
         let mut areas: Vec<[f64; 4]> = in_picture.filter(|area| view.is_in_view(area)).collect();
         areas.extend(view.new_parts(changed.side_px as f64));
-        if let Some(mut core) = scan {
-            for vehicle in &self.tracked {
-                let area = view.in_picture(&vehicle.inspection_box(time_s));
-                let centre = bbox_centre(&area);
-                if (core[0]..core[2]).contains(&centre.x) && (core[1]..core[3]).contains(&centre.y) {
-                    core = bbox_around(&core, &area);
-                }
-            }
-            areas.push(core);
-        }
         areas
+    }
+
+    /// Returns a part of the full scan, enlarged by the vehicles in it, px.
+    fn with_vehicles(&self, mut core: [f64; 4], time_s: f64, view: &View) -> [f64; 4] {
+        for vehicle in &self.tracked {
+            let area = view.in_picture(&vehicle.inspection_box(time_s));
+            let centre = bbox_centre(&area);
+            if (core[0]..core[2]).contains(&centre.x) && (core[1]..core[3]).contains(&centre.y) {
+                core = bbox_around(&core, &area);
+            }
+        }
+        core
     }
 }
 
 /// Returns the whole picture as a box, px.
 fn whole(image: &image::RgbImage) -> [f64; 4] {
     [0.0, 0.0, f64::from(image.width()), f64::from(image.height())]
-}
-
-/// Runs the net on these areas of a picture, px.
-fn inspected(
-    detector: &mut Detector,
-    image: &image::RgbImage,
-    view: View,
-    grid: &Cells,
-    areas: &[[f64; 4]],
-) -> Result<FrameDetections, DetectError> {
-    let [_, _, width, height] = whole(image);
-    let scales = detector.options().scales(image.width(), image.height());
-    let mut detections = FrameDetections::new(detector.options(), view, grid);
-    for region in regions(areas, Part::whole(image), &scales) {
-        detections.add(detector.inspect(image, region.part, WEAK_SCORE)?, region.cores, (width, height));
-    }
-    Ok(detections)
 }
 
 /// Returns the part of the full scan that is due in this inference frame, or `None` if no part is due. The parts are

@@ -3,7 +3,7 @@
 use image::RgbImage;
 use ndarray::Array4;
 use opencv::core::{Mat, MatTraitConst as _, MatTraitConstManual as _, Rect, Size, Vec3b};
-use opencv::imgproc::{INTER_AREA, resize};
+use opencv::imgproc::{INTER_AREA, INTER_LINEAR, resize};
 
 /// Both sides of the net's input must be multiples of this number, px.
 pub(crate) const MULTIPLE_PX: usize = 32;
@@ -26,8 +26,8 @@ impl Part {
     }
 }
 
-/// Resamples a part of a picture to `width` × `height` px by averaging over areas. This size is at most the part's own
-/// size. The corners of the part and of the resampled picture coincide.
+/// Resamples a part of a picture to `width` × `height` px. Smaller pictures are means over areas, and larger ones are
+/// interpolated. The corners of the part and of the resampled picture coincide.
 ///
 /// Returns the net's input with the shape [1, 3, rows, columns], padded at the right and the bottom.
 pub(crate) fn input(
@@ -44,7 +44,9 @@ pub(crate) fn input(
     if (part.width, part.height) == (width, height) {
         cut.copy_to(&mut scaled)?;
     } else {
-        resize(&cut, &mut scaled, Size::new(side(width), side(height)), 0.0, 0.0, INTER_AREA)?;
+        let is_larger = width > part.width || height > part.height;
+        let method = if is_larger { INTER_LINEAR } else { INTER_AREA };
+        resize(&cut, &mut scaled, Size::new(side(width), side(height)), 0.0, 0.0, method)?;
     }
     let bytes = scaled.data_bytes()?;
     let (rows, columns) = (height.next_multiple_of(MULTIPLE_PX), width.next_multiple_of(MULTIPLE_PX));
@@ -78,7 +80,7 @@ mod tests {
     fn centres_stay_where_they_are() {
         let image = ramp(120, 80);
         let part = Part { x: 10, y: 8, width: 100, height: 60 };
-        for (width, height) in [(100, 60), (50, 30), (75, 45), (67, 40), (33, 19)] {
+        for (width, height) in [(100, 60), (50, 30), (75, 45), (67, 40), (33, 19), (200, 120)] {
             let planes = input(&image, part, width, height).unwrap();
             for (x, y) in [(width / 2, height / 2), (width / 3, height / 4)] {
                 let centre = |u: usize, source: f64, target: usize, from: f64| {

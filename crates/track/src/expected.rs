@@ -11,8 +11,6 @@ use crate::{
 
 /// Cost above which it is more probable that the vehicle is not detected. Pose and overlap contribute up to 0.5 each.
 pub(crate) const ALONE: f64 = 0.9;
-/// Distance from a stationary car within which a detection is of that car, m.
-const NEVER_NEARER_M: f64 = 1.0;
 /// Least overlap (IoU) of a stationary car's box with the box of a detection.
 const MIN_OVERLAP: f64 = 0.25;
 /// Share by which a detection moves an edge of a stationary car's box inwards, 0–1.
@@ -107,20 +105,15 @@ impl Expected {
             plain
         };
         let away = (sighting.pose.xy() - self.filter.position()).norm();
-        let in_place = is_still && away < NEVER_NEARER_M;
         let spread = sighting.covariance.fixed_view::<2, 2>(0, 0).trace().sqrt();
         // A sliver within a stationary vehicle's box may be of any vehicle that passes.
-        let is_another = plain < MIN_OVERLAP && away > NEVER_NEARER_M.max(spread);
+        let is_another = plain < MIN_OVERLAP && away > spread;
         if is_still && (overlap < MIN_OVERLAP || is_another) {
             return f64::INFINITY;
         }
         // A detection with a vague position is near to everything.
         let is_near = distance < gate && (spread < VAGUE_M || overlap > TOUCHING);
-        if is_near || overlap > SURE_OVERLAP || in_place {
-            0.5 * near + 0.5 * (1.0 - overlap)
-        } else {
-            f64::INFINITY
-        }
+        if is_near || overlap > SURE_OVERLAP { 0.5 * near + 0.5 * (1.0 - overlap) } else { f64::INFINITY }
     }
 
     /// Returns the overlap (IoU) of a box with the visible part of the expected box. `goes_on`: edges beyond which the

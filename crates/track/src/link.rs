@@ -22,40 +22,31 @@
 //!
 //! A tracklet of boxes alone may be no vehicle. With the probability p that it is one (`existence.rs`), keeping it apart
 //! from all others gains −log p. In the assignment, its end is then its own beginning.
-//!
-//! Two tracklets that overlap for a moment also form a pair. They are parts of one vehicle when an object begins to hide
-//! it. The earlier tracklet then counts up to the beginning of the later one.
 
 use std::{collections::BTreeMap, f64::consts::PI, ops::AddAssign as _};
 
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
-use roadplane_base::{assign, bbox_iou, fold_axis, upper_median};
+use roadplane_base::{assign, fold_axis, upper_median};
 
 use crate::{
     filter::{SPEED_SD, STANDING_SPEED_SD, STILL_M},
     measurement::Sighting,
     numbers::sigmoid,
-    raw_track::{Link, RawTrack, VOTES, share_space},
+    raw_track::{Link, RawTrack, VOTES},
 };
 
 /// Duration of the end of a tracklet from which its motion is estimated, s.
 const END_S: f64 = 1.0;
-/// Largest number of detections from which the motion at an end is estimated.
-const END_SIGHTINGS: usize = 12;
 /// Share of a detection's variance that is common to neighbouring detections, 0–1.
 const SHARED: f64 = 0.5;
 /// Share of vehicles that are stationary when they are first found, 0–1.
 const STANDING_SHARE: f64 = 0.1;
 /// Power of the white acceleration of a vehicle that drives undetected, m²/s³.
 const ACCELERATION_POWER: f64 = 3.0;
-/// Mean time for which a stationary vehicle stays undetected, s (exponential distribution).
+/// Mean time for which a stationary or creeping vehicle stays undetected, s (exponential distribution).
 const STANDS_S: f64 = 20.0;
 /// Mean time for which a driving vehicle stays undetected, s (exponential distribution).
 const DRIVES_S: f64 = 1.2;
-/// Mean time for which a creeping vehicle stays undetected, s (exponential distribution).
-const CREEPS_S: f64 = 6.0;
-/// Longest time for which one half-hidden vehicle may be two tracklets, s.
-const MAX_TOGETHER_S: f64 = 0.5;
 /// Prior probabilities of the three modes: stationary, driving, creeping.
 const SHARES: [f64; 3] = [0.4, 0.45, 0.15];
 /// Greatest speed of creeping, m/s.
@@ -66,8 +57,6 @@ const LINE_M: f64 = 0.6;
 const APPEARS: f64 = 2e-5;
 /// Sd of the distance at which tracklets begin at one place, m: half the width of a lane.
 const PLACE_M: f64 = 1.5;
-/// Log odds in favour of a vehicle that is gone for good, where it can leave the picture.
-const LEAVES: f64 = 2.0;
 /// Sd of the logarithm of a vehicle's size (box diagonal times distance), seen from one view.
 const SIZE_SD: f64 = 0.15;
 /// Sd of the logarithm of a vehicle's size (box diagonal times distance), seen from different views.
@@ -84,8 +73,8 @@ pub(crate) fn link(
     horizon_s: f64,
 ) -> Vec<RawTrack> {
     tracklets.retain(|track| !track.observations.is_empty());
-    let starts: Vec<End> = tracklets.iter().map(|track| End::of(track, &track.observations, false)).collect();
-    let ends: Vec<End> = tracklets.iter().map(|track| End::of(track, &track.observations, true)).collect();
+    let starts: Vec<End> = tracklets.iter().map(|track| End::of(track, false)).collect();
+    let ends: Vec<End> = tracklets.iter().map(|track| End::of(track, true)).collect();
     let exists_p: Vec<f64> = tracklets.iter().map(|track| log_odds(track).map_or(1.0, sigmoid)).collect();
     let arrivals = Arrivals::new(&starts, &ends);
     // A tracklet that continues itself stays apart: probably, it is no vehicle.
@@ -94,16 +83,11 @@ pub(crate) fn link(
     for (i, end) in ends.iter().enumerate() {
         for (j, start) in starts.iter().enumerate().filter(|(j, _)| *j != i) {
             let gap_s = start.time_s - end.time_s;
-            if gap_s > horizon_s || gap_s < -MAX_TOGETHER_S {
+            if gap_s <= 0.0 || gap_s > horizon_s {
                 continue;
             }
-            let gain = if gap_s > 0.0 {
-                Some(gain(end, start, gap_s, arrivals.rate(&starts, i, j)))
-            } else {
-                let before = before(&tracklets[i], &tracklets[j]);
-                before.map(|end| gain(&end, start, start.time_s - end.time_s, arrivals.rate(&starts, i, j)))
-            };
-            if let Some(gain) = gain.filter(|gain| *gain > 0.0) {
+            let gain = gain(end, start, gap_s, arrivals.rate(&starts, i, j));
+            if gain > 0.0 {
                 gains.push((i, j, gain));
             }
         }
@@ -144,21 +128,6 @@ impl Arrivals {
     fn rate(&self, starts: &[End], i: usize, j: usize) -> f64 {
         (self.near[j] - Self::near(&starts[i], &starts[j])).max(0.0) / self.seconds
     }
-}
-
-/// Returns the end of a tracklet before another began. Both must be possible parts of one vehicle while they overlap,
-/// and the other must last longer. Else returns `None`.
-fn before(track: &RawTrack, later: &RawTrack) -> Option<End> {
-    let (first, last) = later.observations.first().zip(later.observations.last())?;
-    let (alone, together) =
-        track.observations.split_at(track.observations.partition_point(|o| o.frame < first.frame));
-    let goes_on = track.observations.last().is_some_and(|end| end.frame < last.frame);
-    let is_apart = |o: &Sighting| {
-        let other = later.observations.binary_search_by_key(&o.frame, |other| other.frame);
-        let other = other.ok().map(|i| &later.observations[i]);
-        other.is_some_and(|other| bbox_iou(&o.bbox_px, &other.bbox_px) <= 0.0 || !share_space(o, other))
-    };
-    (goes_on && !alone.is_empty() && !together.iter().any(is_apart)).then(|| End::of(track, alone, true))
 }
 
 /// Returns, for each tracklet, the one that continues it, with the log odds of the join. `gains` holds (earlier, later,
@@ -229,7 +198,6 @@ fn chains(tracklets: Vec<RawTrack>, next: &[Option<(usize, f64)>]) -> Vec<RawTra
         while let Some((then, log_odds)) = next[at] {
             let Some(later) = left[then].take() else { break };
             let begins = later.observations.first().map_or(usize::MAX, |first| first.frame);
-            track.observations.retain(|o| o.frame < begins);
             track.links.push(Link { frame: begins, log_odds });
             track.append(later);
             at = then;
@@ -264,15 +232,12 @@ struct End {
 }
 
 impl End {
-    /// Computes the beginning, or with `last` the end, of these detections of a track.
-    fn of(track: &RawTrack, all: &[Sighting], last: bool) -> Self {
+    /// Computes the beginning of a track, or with `last` its end.
+    fn of(track: &RawTrack, last: bool) -> Self {
+        let all = &track.observations;
         let edge = if last { &all[all.len() - 1] } else { &all[0] };
         let near = |o: &&Sighting| (o.time_s - edge.time_s).abs() <= END_S;
-        let part: Vec<&Sighting> = if last {
-            all.iter().rev().take(END_SIGHTINGS).filter(near).collect()
-        } else {
-            all.iter().take(END_SIGHTINGS).filter(near).collect()
-        };
+        let part: Vec<&Sighting> = all.iter().filter(near).collect();
         let (state, covariance) = motion(&part, edge.time_s);
         let mut axis = Vector2::zeros();
         for o in &part {
@@ -366,11 +331,10 @@ fn gain(end: &End, start: &End, gap_s: f64, arrivals: f64) -> f64 {
     let rested = places + Matrix2::identity() * STILL_M.powi(2);
     let stood = mode(STANDS_S, end.stands * density(&way, &rested) * start.standing);
     let drove = mode(DRIVES_S, drive_density(end, start, gap_s));
-    let crept = mode(CREEPS_S, creep_density(end, start, &way, &places, gap_s));
+    let crept = mode(STANDS_S, creep_density(end, start, &way, &places, gap_s));
     let same = SHARES[0] * stood + SHARES[1] * drove + SHARES[2] * crept;
     let new = mixed(start.standing, start.driving);
-    let gone = if end.at_edge { LEAVES } else { 0.0 };
-    (same.max(1e-300) / new.max(1e-300)).ln() - gone + class_gain(end, start) + size_gain(end, start)
+    (same.max(1e-300) / new.max(1e-300)).ln() + class_gain(end, start) + size_gain(end, start)
 }
 
 /// Returns the density of a velocity among all vehicles, from its densities among stationary and driving ones.

@@ -2,30 +2,21 @@
 
 use std::collections::BTreeMap;
 
-use roadplane_base::{VehicleClass, bbox_share_inside};
+use roadplane_base::bbox_iou;
 
 use crate::{frames::Frames, raw_track::RawTrack};
 
 /// Least share of a track's boxes that touch another track's boxes if it is a part of that vehicle.
 const PART: f64 = 0.8;
-/// Distance within which a box touches the box of a truck or bus, in shorter sides of the touching box. Boxes of
-/// lorries and buses may end that far before the vehicle does.
-const APART: f64 = 1.2;
 
 /// Returns, for each track, whether it is a part of another track's vehicle.
 pub(crate) fn parts(tracks: &[&RawTrack], frames: &Frames) -> Vec<bool> {
     let others = boxes_of(tracks, frames);
-    let apart: Vec<f64> =
-        tracks.iter().map(|track| if track.class() == VehicleClass::Car { 0.0 } else { APART }).collect();
     let is_part = |track: &&RawTrack| {
         let mut touched: BTreeMap<usize, usize> = BTreeMap::new();
         for seen in &track.observations {
-            let [x0, y0, x1, y1] = seen.bbox_px;
             for (other, other_px) in others.get(&seen.frame).into_iter().flatten() {
-                let reach = apart[*other] * (x1 - x0).min(y1 - y0);
-                let reached_px = [x0 - reach, y0 - reach, x1 + reach, y1 + reach];
-                *touched.entry(*other).or_default() +=
-                    usize::from(bbox_share_inside(&reached_px, other_px) > 0.0);
+                *touched.entry(*other).or_default() += usize::from(bbox_iou(&seen.bbox_px, other_px) > 0.0);
             }
         }
         touched.values().any(|touches| *touches as f64 >= PART * track.observations.len() as f64)

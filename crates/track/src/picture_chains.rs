@@ -9,7 +9,6 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use nalgebra::Vector2;
 use roadplane_base::{bbox_centre, bbox_iou};
 
 use crate::{
@@ -26,8 +25,6 @@ const MAX_GAP_S: f64 = 3.0;
 const STEP_SIZES: f64 = 0.5;
 /// Least number of steps of a chain that moves on.
 const MIN_STEPS: usize = 3;
-/// Least mean cosine between consecutive steps of a chain that moves on: they turn little.
-const MIN_COSINE: f64 = 0.8;
 
 /// Boxes of one possible vehicle, at most one per frame.
 pub(crate) struct Chain {
@@ -53,20 +50,19 @@ impl Chain {
         unseen_s > UNSEEN_S && (unseen_s > MAX_GAP_S || moved_px > STEP_SIZES * size_px(last_px))
     }
 
-    /// Whether the chain moves on steadily in the picture, in several steps that turn little.
+    /// Whether the chain moves on in the picture, in several steps.
     pub(crate) fn goes_on(&self) -> bool {
         let mut places =
             self.boxes.iter().map(|(_, seen)| (bbox_centre(&seen.bbox_px), size_px(&seen.bbox_px)));
         let Some((mut from, _)) = places.next() else { return false };
-        let mut steps: Vec<Vector2<f64>> = Vec::new();
+        let mut steps = 0;
         for (to, size) in places {
-            if let Some(direction) = (to - from).try_normalize(STEP_SIZES * size) {
-                steps.push(direction);
+            if (to - from).norm() > STEP_SIZES * size {
+                steps += 1;
                 from = to;
             }
         }
-        let turns = steps.windows(2).map(|pair| pair[0].dot(&pair[1]));
-        steps.len() >= MIN_STEPS && turns.sum::<f64>() >= MIN_COSINE * (steps.len() - 1) as f64
+        steps >= MIN_STEPS
     }
 }
 

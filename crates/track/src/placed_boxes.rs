@@ -14,12 +14,11 @@ use crate::{
     measurement::Sighting,
     picture_chains::{Chain, chains},
     raw_track::{RawTrack, votes_of},
+    smooth_boxes::STANDING_MPS,
 };
 
 /// Half of the time whose positions show the direction of travel, s.
 const HEADING_S: f64 = 1.0;
-/// Least speed at which positions show the direction of travel, m/s.
-const DRIVES_MPS: f64 = 1.0;
 /// Sd of a heading that comes from the direction of travel, rad.
 const DRIVEN_HEADING_SD: f64 = 0.15;
 
@@ -170,5 +169,5 @@ fn way(places: &[[f64; 3]], at_s: f64) -> Option<f64> {
     }
     let line = normal.cholesky()?;
     let [x, y] = right.map(|right| line.solve(&right).y);
-    (x.hypot(y) > DRIVES_MPS).then(|| y.atan2(x))
+    (x.hypot(y) > STANDING_MPS).then(|| y.atan2(x))
 }

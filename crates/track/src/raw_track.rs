@@ -12,8 +12,6 @@ const CAR_M: [f64; 2] = [4.4, 1.8];
 /// Largest share of a car's ground that measurements of two different cars have in common, 0–1. Two cars side by side
 /// reach it when their centres appear 1 m apart. Two cars in a row reach it when they appear to overlap by about half.
 const MAX_SHARED_GROUND: f64 = 1.0 - 1.0 / CAR_M[1];
-/// Overlap (IoU) of boxes above which two positions may be one.
-const LEAST_OVERLAP: f64 = 0.2;
 
 /// A track before smoothing.
 #[derive(Clone, Debug)]
@@ -45,9 +43,6 @@ pub(crate) struct Link {
 
 /// Number of classes that receive votes.
 pub(crate) const VOTES: usize = VehicleClass::ALL.len();
-/// Share of the votes that makes a vehicle a car, 0–1. Detectors confuse cars with trucks more often than trucks with
-/// cars.
-const CAR_SHARE: f64 = 0.4;
 /// Height below which a short vehicle is a car in any case, m.
 const MAX_CAR_HEIGHT_M: f64 = 1.8;
 /// Length below which a low vehicle is a car in any case, m.
@@ -55,8 +50,6 @@ const MAX_CAR_LENGTH_M: f64 = 5.5;
 /// Height below which a short vehicle with most votes for a bus is a car, m. No bus is so low, and from high above cars
 /// are classed as buses.
 const MIN_BUS_HEIGHT_M: f64 = 2.2;
-/// Weight of a vote from a box that is classed as a car but has no car's keypoints.
-const UNSURE_VOTE: f64 = 0.5;
 
 /// Sizes from boxes, weighted by their precision.
 #[derive(Clone, Copy, Debug, Default)]
@@ -118,8 +111,7 @@ impl RawTrack {
 
     /// Adds a measurement to the end of the track.
     pub(crate) fn add(&mut self, car: &CarMeasurement, observation: Sighting) {
-        let weight = if car.lacks_keypoints() { UNSURE_VOTE } else { 1.0 };
-        *self.votes.entry(car.class).or_default() += car.score * weight;
+        *self.votes.entry(car.class).or_default() += car.score;
         if let Some(dims) = &car.dims_m {
             self.dims.add(dims);
         }
@@ -166,7 +158,7 @@ impl RawTrack {
         if self.dims.mean().is_some_and(|dims| dims.z < height_m && dims.x < MAX_CAR_LENGTH_M) {
             return VehicleClass::Car;
         }
-        if car >= CAR_SHARE * (car + truck + bus) {
+        if car >= truck + bus {
             VehicleClass::Car
         } else if truck >= bus {
             VehicleClass::Truck
@@ -196,7 +188,7 @@ pub(crate) fn same_car(a: &Sighting, b: &Sighting) -> bool {
 pub(crate) fn in_one_place(a: &Vector3<f64>, a_px: &[f64; 4], b: &Vector3<f64>, b_px: &[f64; 4]) -> bool {
     // The heading of either may be wrong.
     let shared = covered_ground(a, b).min(covered_ground(b, a));
-    shared > MAX_SHARED_GROUND && bbox_iou(a_px, b_px) > LEAST_OVERLAP
+    shared > MAX_SHARED_GROUND && bbox_iou(a_px, b_px) > 0.0
 }
 
 /// Returns the share of a car's ground that another car with the same heading would cover, 0–1.
@@ -229,7 +221,7 @@ mod tests {
             let (a, b) = (Vector3::new(3.0, 20.0, axis), Vector3::new(place[0], place[1], axis + turned));
             let shared = in_one_place(&a, &box_px, &b, &box_px);
             assert_eq!(shared, in_one_place(&b, &box_px, &a, &box_px));
-            let elsewhere_px = [150.0, 100.0, 210.0, 140.0];
+            let elsewhere_px = [160.0, 100.0, 220.0, 140.0];
             assert!(!in_one_place(&a, &box_px, &b, &elsewhere_px));
             shared
         };

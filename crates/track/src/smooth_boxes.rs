@@ -14,7 +14,7 @@ use crate::{
 };
 
 /// Speed below which a vehicle that boxes place counts as stationary, m/s.
-const STANDING_MPS: f64 = 0.3;
+pub(crate) const STANDING_MPS: f64 = 0.3;
 
 /// Returns the states and the size of a vehicle where boxes, and not keypoints, give its pose. For a vehicle that is no
 /// car they always do. Returns `None` if no pose comes from a box, or if boxes and path contradict each other. Also

@@ -14,9 +14,6 @@ use crate::{
 
 /// Half of the time over which a path counts as straight, s.
 const WAY_S: f64 = 0.5;
-/// Half of the longest time over which a path counts as straight for a detection that only a box places, s. Such a
-/// detection says less of the axis.
-const BOX_WAY_S: f64 = 2.0;
 
 /// Returns the states to start from, and the disambiguated heading. Positions are the detected ones, slightly averaged.
 /// The axis comes from motion where there is some, else from keypoints. The front comes from both.
@@ -76,18 +73,10 @@ fn axes(sightings: &[Sighting], averaged: &[Vector3<f64>], stands: &[Option<Stan
 fn way_at(sightings: &[Sighting], averaged: &[Vector3<f64>], i: usize) -> Option<f64> {
     let time_s = sightings[i].time_s;
     let sd = sightings[i].covariance.fixed_view::<2, 2>(0, 0).trace().sqrt();
-    let longest_s = if sightings[i].from_box { BOX_WAY_S } else { WAY_S };
-    let mut within_s = WAY_S;
-    while within_s <= longest_s {
-        let from = sightings.partition_point(|o| o.time_s < time_s - within_s).min(i);
-        let to = sightings.partition_point(|o| o.time_s <= time_s + within_s).max(i + 1) - 1;
-        let way = averaged[to].xy() - averaged[from].xy();
-        if way.norm() > 1.0 + sd {
-            return Some(way.y.atan2(way.x));
-        }
-        within_s *= 2.0;
-    }
-    None
+    let from = sightings.partition_point(|o| o.time_s < time_s - WAY_S).min(i);
+    let to = sightings.partition_point(|o| o.time_s <= time_s + WAY_S).max(i + 1) - 1;
+    let way = averaged[to].xy() - averaged[from].xy();
+    (way.norm() > 1.0 + sd).then(|| way.y.atan2(way.x))
 }
 
 /// Returns pose (m, rad) and speed (m/s) of a node, on the straight line between the detections around it. `turn` is

@@ -23,8 +23,6 @@ const HALF_S: f64 = 0.5;
 /// Least number of detections from which motion is measured. Where a car is rarely detected, a longer time is taken, so
 /// that it holds this many.
 const MIN_SIGHTINGS: usize = 5;
-/// Least motion of the box, in its diagonals. It corresponds to the least motion on the ground.
-const MIN_BOX_MOTION: f64 = 0.02;
 /// Least motion that is significant, in sds.
 const SIGNIFICANT: f64 = 3.0;
 /// Stationary intervals shorter than this are ignored, s.
@@ -36,13 +34,13 @@ pub(crate) fn find_runs(sightings: &[Sighting], options: &TrackOptions) -> Vec<R
     if n == 0 {
         return Vec::new();
     }
-    let moves_at = |i| moves(window(sightings, i), options.min_motion_m, MIN_BOX_MOTION);
+    let moves_at = |i| moves(window(sightings, i), options.min_motion_m);
     let mut moving: Vec<bool> = (0..n).map(moves_at).collect();
     close_gaps(&mut moving, sightings, MIN_STAND_S);
     // A stationary interval that creeps as a whole is slow driving.
     for run in runs(&moving).into_iter().filter(|run| run.parked) {
         let part = &sightings[run.sightings.clone()];
-        if seconds(part) > 3.0 && moves(part, 1.5 * options.min_motion_m, 2.5 * MIN_BOX_MOTION) {
+        if seconds(part) > 3.0 && moves(part, 1.5 * options.min_motion_m) {
             moving[run.sightings].fill(true);
         }
     }
@@ -73,24 +71,20 @@ fn seconds(part: &[Sighting]) -> f64 {
     }
 }
 
-/// Whether the detections move farther than the least motion and than noise, on the ground and in the image. Their
-/// motion is that of a straight line through them. `min_m` is in m and `min_box` in diagonals of the box.
-fn moves(part: &[Sighting], min_m: f64, min_box: f64) -> bool {
+/// Whether the detections move farther than the least motion (m) on the ground, and farther than noise there and in the
+/// image. Their motion is that of a straight line through them.
+fn moves(part: &[Sighting], min_m: f64) -> bool {
     let ground: Vec<(f64, Vector2<f64>)> = part.iter().map(|o| (o.time_s, o.pose.xy())).collect();
     if !goes(&ground, min_m) {
         return false;
     }
-    let mut diagonals: Vec<f64> =
-        part.iter().map(|o| (o.bbox_px[2] - o.bbox_px[0]).hypot(o.bbox_px[3] - o.bbox_px[1])).collect();
-    let Some(diagonal) = upper_median(&mut diagonals, f64::total_cmp) else { return false };
     // When a car drives along the line of sight, its box stays and grows. So the corners are compared, and not only the
     // centre.
     let corner = |x: usize, y: usize| -> Vec<(f64, Vector2<f64>)> {
         part.iter().map(|o| (o.time_s, Vector2::new(o.bbox_px[x], o.bbox_px[y]))).collect()
     };
     let centre: Vec<(f64, Vector2<f64>)> = part.iter().map(|o| (o.time_s, bbox_centre(&o.bbox_px))).collect();
-    goes(&centre, min_box * diagonal)
-        || (goes(&corner(0, 1), min_box * diagonal) && goes(&corner(2, 3), min_box * diagonal))
+    goes(&centre, 0.0) || (goes(&corner(0, 1), 0.0) && goes(&corner(2, 3), 0.0))
 }
 
 /// Whether a line through (time, position) is longer than `least` and significant. It is a least-squares fit with one

@@ -6,7 +6,7 @@ use roadplane_base::{CarRef, assign, bbox_iou};
 use crate::{
     CarMeasurement, FrameMeasurements, HeldCar, Scene, SeenAgain, TrackOptions, Tracks,
     complete::complete,
-    expected::{ALONE, Expected},
+    expected::{ALONE, Expected, SURE_OVERLAP},
     frames::{BoxesByFrame, Frames},
     looks::Looks,
     measurement::Sighting,
@@ -30,9 +30,6 @@ struct Live {
     /// Whether an earlier pass over the frames had it on a track.
     known: bool,
 }
-
-/// Overlap (IoU) with the last box of a car above which a carried-over box is that of the car.
-const SAME_BOX: f64 = 0.7;
 
 impl Live {
     /// Starts a track with its first measurement. `looks` is the number of inference frames so far.
@@ -146,7 +143,9 @@ impl Tracker {
             // A measurement that failed belongs to no track. The car is still the one that is stationary there.
             let by_look = car.look.and_then(|look| self.live.iter().position(|live| live.look == look));
             let by_place = || {
-                self.live.iter().position(|live| bbox_iou(live.expected.last_px(), &car.bbox_px) > SAME_BOX)
+                self.live
+                    .iter()
+                    .position(|live| bbox_iou(live.expected.last_px(), &car.bbox_px) > SURE_OVERLAP)
             };
             if let Some(l) = by_look.or_else(by_place).filter(|l| !held[*l]) {
                 self.live[l].hold(car, index, time_s);

@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Matrix5, Vector3};
 
 use crate::{
     TrackOptions,
+    box_motion::UNSEEN_S,
     facing::Facing,
     measurement::Sighting,
     noise::{Noise, given_heading},
@@ -17,9 +18,6 @@ use crate::{
 const MAX_STEP_S: f64 = 0.25;
 /// Time over which the keypoint bias of a driving car stays the same, s. Then the car is seen from another direction.
 const BIAS_S: f64 = 2.0;
-
-/// Longest time between neighbouring detections, s. Beyond it, successive errors show no correlation.
-const NEIGHBOURS_S: f64 = 0.4;
 
 /// Number of times that the noise is measured again around the smoothed path.
 const NOISE_PASSES: usize = 3;
@@ -224,8 +222,7 @@ fn driving_noise(
     let mut before: Option<(f64, Vector3<f64>)> = None;
     for ((place, state), covariance) in places.iter().zip(states).zip(covariances) {
         // Detections stay neighbours across frames without inference, but not across a stationary interval or a gap.
-        before =
-            before.filter(|(time_s, _)| place.stand.is_none() && place.span_s[0] - time_s <= NEIGHBOURS_S);
+        before = before.filter(|(time_s, _)| place.stand.is_none() && place.span_s[0] - time_s <= UNSEEN_S);
         let (None, Some(seen)) = (&place.stand, place.look(sightings)) else { continue };
         let weight = white(sightings, place, seen, used).try_inverse();
         let (Some(inverse), Some(weight)) = (seen.covariance.try_inverse(), weight) else { continue };
