@@ -46,7 +46,7 @@ impl Default for DetectOptions {
     fn default() -> Self {
         Self {
             min_score: 0.44,
-            min_width_px: 24.0,
+            min_width_px: 16.0,
             pass_px: vec![640, 1280],
             fine_px: 1920,
             nms_iou: 0.5,
