@@ -223,11 +223,4 @@ fn a_part_of_a_vehicle_that_goes_along_with_it_is_no_vehicle() {
     assert_eq!(follow(&frames, &OnTheGround).len(), 1);
     behind(&mut frames, 20.0);
     assert_eq!(follow(&frames, &OnTheGround).len(), 2);
-    // Boxes of a lorry often end before its cab does.
-    for frame in &mut frames {
-        let lorry = &mut frame.cars[0];
-        (lorry.class, lorry.from_box) = (VehicleClass::Truck, true);
-        lorry.dims_m = Some([Vector3::new(9.0, 2.5, 3.2), Vector3::repeat(0.5)]);
-    }
-    assert_eq!(follow(&frames, &OnTheGround).len(), 1);
 }
