@@ -111,11 +111,9 @@ mod tests {
     /// Returns which of these inference frames are repeats. Between two of them is a frame without inference.
     fn repeats(interval_s: f64, changes: &[f64]) -> Vec<bool> {
         let frame = |i: usize| {
-            let watch = WatchRecord {
-                looked: i % 2 == 0,
-                changed: (i % 2 == 0).then(|| changes[i / 2]),
-                ..WatchRecord::default()
-            };
+            let looked = i.is_multiple_of(2);
+            let changed = looked.then(|| changes[i / 2]);
+            let watch = WatchRecord { looked, changed, ..WatchRecord::default() };
             let size = ImageSize { width: 640, height: 360 };
             let empty = FrameRecord::empty(i as u64, i as f64 * interval_s / 2.0, size);
             Ok(FrameRecord { watch: Some(watch), ..empty })
