@@ -19,7 +19,7 @@ const NEAR_BORDER_PX: f64 = 4.0;
 /// Lowest score of a box that takes part in merging.
 const MIN_CANDIDATE_SCORE: f64 = 0.1;
 
-/// The boxes detected in a part of a picture, from all passes.
+/// The boxes detected in a part of a picture, from one or more passes.
 pub(crate) struct Detections {
     /// Boxes that show whole vehicles. They are not merged.
     pub found: Vec<Candidate>,
@@ -116,7 +116,7 @@ impl Detector {
         let (mut found, mut cut) = (Vec::new(), Vec::new());
         for scale in scales {
             let (longest, overlap) = (self.options.tile_px as f64, self.options.tile_overlap_px as f64);
-            let to_frame = |px: f64| (px / scale) as usize;
+            let to_frame = |px: f64| (px / scale).round() as usize;
             for tile in tiles(part, to_frame(longest), to_frame(overlap)) {
                 let side = |length: usize| ((length as f64 * scale).round() as usize).max(1);
                 let (width, height) = (side(tile.width), side(tile.height));

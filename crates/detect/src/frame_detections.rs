@@ -10,7 +10,7 @@ use crate::merge::merge;
 
 /// Smallest share of a box that one inspected area must cover. Only then does the box count as inspected as a whole.
 const WHOLE: f64 = 0.9;
-/// If a larger share than this of a low-score box lies inside a vehicle's box, the low-score box shows this vehicle.
+/// If a larger share than this of a low-score or cut box lies inside a vehicle's box, the box shows this vehicle.
 const MOSTLY: f64 = 0.5;
 
 /// The detections of one frame. Boxes are in px of the frame, and cells belong to the keyframe of `view`.
@@ -71,6 +71,9 @@ impl FrameDetections {
                 self.found.push(record);
             }
         }
+        // Another part or pass may show the whole vehicle.
+        let found = &self.found;
+        self.cut.retain(|cut| !found.iter().any(|car| bbox_share_inside(cut, &car.bbox_px) > MOSTLY));
     }
 
     /// Whether a box was inspected as a whole.

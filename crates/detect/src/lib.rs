@@ -14,8 +14,8 @@
 //!                                      (regions_of_interest.rs, tracked_box.rs, frame_detections.rs)
 //!                     → FineRows       rows in which the fine pass runs, too   (fine_rows.rs)
 //!                     → regions        parts of the picture that cover these areas   (regions.rs)
-//!                     → Detector       runs the net in all passes and merges the boxes
-//!                                      (detector.rs, resample.rs, decode.rs, merge.rs)
+//!                     → Detector       runs the net in the passes   (detector.rs, resample.rs, decode.rs)
+//!                     → FrameDetections  merges the boxes   (frame_detections.rs, merge.rs)
 //! ```
 
 mod decode;

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::DetectError;
 
-/// Largest factor by which the fine pass enlarges a frame. A larger one gives the net nothing that it could not see.
+/// Largest factor by which the fine pass enlarges a frame. A larger factor adds no detail.
 const MAX_ENLARGEMENT: f64 = 2.0;
 
 /// Options of the detector: passes, thresholds and merging.
@@ -20,7 +20,7 @@ pub struct DetectOptions {
     /// 16 to 300 px after scaling. The computing time grows with the square of the length.
     pub pass_px: Vec<u32>,
     /// Length of the frame's longer side in the pass that finds small vehicles, px; 0 for none. It enlarges frames at most
-    /// twice. In a clip, it runs only on the rows where vehicles are small, and not in every inference frame.
+    /// twice. In a clip, it runs only on the rows where vehicles are small.
     pub fine_px: u32,
     /// Two boxes show one vehicle if their overlap (intersection over union) is at least this value.
     pub nms_iou: f64,
@@ -38,7 +38,7 @@ pub struct DetectOptions {
 pub(crate) struct FinePass {
     /// Factor by which it scales a frame.
     pub scale: f64,
-    /// Distance between two inference frames with this pass. It makes the pass as cheap as all others together.
+    /// Distance between two inference frames with this pass. The pass then costs no more than all others together.
     pub every: u64,
 }
 

@@ -10,7 +10,7 @@ const OVERHEAD_PX: f64 = 12_000.0;
 const WHOLE_SHARE: f64 = 0.7;
 
 /// Smallest margin around an area, px of the net's input in the finest pass.
-const MARGIN_PX: f64 = 64.0;
+pub(crate) const MARGIN_PX: f64 = 64.0;
 /// Margin around an area, as a share of its longer side.
 const MARGIN_SHARE: f64 = 0.25;
 

@@ -11,7 +11,7 @@ use roadplane_watch::{Cells, ChangeMap, Observation, View};
 
 use crate::fine_rows::FineRows;
 use crate::frame_detections::{FrameDetections, weak_beside};
-use crate::regions::regions;
+use crate::regions::{MARGIN_PX, regions};
 use crate::resample::Part;
 use crate::tracked_box::{TrackedBox, update};
 use crate::{DetectError, Detector};
@@ -41,6 +41,8 @@ pub struct RoiDetections {
     pub weak: Vec<WeakBox>,
     /// Share of the picture that changed since its last inspection, 0–1.
     pub changed: f64,
+    /// Share of the picture that changed since the last inference frame, 0–1. `None` in the first one of a keyframe.
+    pub fresh: Option<f64>,
     /// Share of the picture that was inspected in this frame, 0–1.
     pub inspected: f64,
     /// The cells of the keyframe with a change or a vehicle.
@@ -114,6 +116,7 @@ impl RoiScheduler {
                 cars: Vec::new(),
                 weak: Vec::new(),
                 changed: 1.0,
+                fresh: None,
                 inspected: 0.0,
                 busy: all_cells(),
             });
@@ -124,7 +127,14 @@ impl RoiScheduler {
             let FrameDetections { found, weak, .. } =
                 self.inspected(detector, image, own, &all, [&[whole(image)], &[]])?;
             let weak = weak_beside(&weak, &found, detector.options());
-            return Ok(RoiDetections { cars: found, weak, changed: 1.0, inspected: 1.0, busy: all });
+            return Ok(RoiDetections {
+                cars: found,
+                weak,
+                changed: 1.0,
+                fresh: None,
+                inspected: 1.0,
+                busy: all,
+            });
         };
         let known = self.map.take();
         let known =
@@ -133,12 +143,14 @@ impl RoiScheduler {
             Some((_, map)) => map,
             None => {
                 self.tracked.clear();
+                self.rows = None;
                 (self.frames, self.cut) = (0, Vec::new());
                 self.idle_until.clear();
                 ChangeMap::new(&view.laid(&observation.small, &observation.small))
             }
         };
         let changed = map.changed(&observation.small, &view, time_s);
+        let fresh = map.fresh();
         self.idle_until.resize(changed.columns * changed.rows, 0.0);
         self.frames = self.frames.saturating_add(1);
 
@@ -179,7 +191,8 @@ impl RoiScheduler {
         let weak = weak_beside(&weak, &cars, detector.options());
         let mut busy = vehicles;
         changed.iter().for_each(|(column, row)| busy.insert(column, row));
-        Ok(RoiDetections { cars, weak, changed: changed.share(), inspected: inspected.share(), busy })
+        let (changed, inspected) = (changed.share(), inspected.share());
+        Ok(RoiDetections { cars, weak, changed, fresh, inspected, busy })
     }
 
     /// Runs the net on the parts of the picture that are due for inspection.
@@ -200,16 +213,18 @@ impl RoiScheduler {
             scan = scan.map(|core| self.with_vehicles(core, time_s, view));
             areas = self.due_areas(changed, time_s, view);
         }
-        let fine = detector.options().fine(width, height);
-        let is_first = self.rows.is_none();
-        let has_fine = fine.is_some_and(|fine| is_first || number.is_multiple_of(fine.every));
-        if fine.is_some() && !has_fine {
-            areas.retain(|area| !self.is_above(area, height));
-        }
+        let has_fine = detector.options().fine(width, height).is_some_and(|fine| {
+            // At first, it is not known where vehicles are small.
+            self.rows.is_none() || number.is_multiple_of(fine.every)
+        });
+        // All passes run on the part of the full scan, so that an error about the rows does not last.
         let mut fine_areas = if has_fine { areas.clone() } else { Vec::new() };
+        areas.retain(|area| !(has_fine && self.is_above(area, height)));
         areas.extend(scan);
         fine_areas.extend(scan);
         let detections = self.inspected(detector, image, *view, changed, [&areas, &fine_areas])?;
+        let finest = detector.options().scales(width, height).last().copied().unwrap_or(1.0);
+        self.rows.get_or_insert_default().add(&detections.found, f64::from(height), finest);
         // A cut box is inspected as a whole in the next inference frame. The exception is a box that shows a
         // carried-over vehicle beside the inspected area.
         let is_carried_over = |bbox: &[f64; 4]| {
@@ -222,15 +237,15 @@ impl RoiScheduler {
         Ok(detections)
     }
 
-    /// Whether an area lies above the row where small vehicles end. It then needs no other pass than the fine one.
+    /// Whether an area lies above the row that separates small vehicles from large ones.
     fn is_above(&self, area: &[f64; 4], height: u32) -> bool {
         self.rows.as_ref().is_some_and(|rows| area[3] < rows.end_px(f64::from(height)))
     }
 
-    /// Runs the net on areas of a picture, px. The fine pass has its own areas. Of these, only the parts count where
-    /// vehicles are small. At first, this is the whole picture.
+    /// Runs the net on areas of a picture, px. The fine pass has its own areas, and runs only where vehicles are small; at
+    /// first, this is the whole picture. There, an area counts as inspected only after the fine pass.
     fn inspected(
-        &mut self,
+        &self,
         detector: &mut Detector,
         image: &image::RgbImage,
         view: View,
@@ -242,21 +257,20 @@ impl RoiScheduler {
         let fine = detector.options().fine(width, height);
         let is_above = |area: &[f64; 4]| fine.is_some() && self.is_above(area, height);
         let mut detections = FrameDetections::new(detector.options(), view, grid);
-        let others: Vec<[f64; 4]> = areas.iter().filter(|area| !is_above(area)).copied().collect();
-        for region in regions(&others, Part::whole(image), &scales) {
-            detections.add(detector.inspect(image, region.part, &scales)?, region.cores);
+        for region in regions(areas, Part::whole(image), &scales) {
+            let cores = region.cores.into_iter().filter(|core| !is_above(core)).collect();
+            detections.add(detector.inspect(image, region.part, &scales)?, cores);
         }
-        if let Some(fine) = fine {
+        if let Some(fine) = fine.filter(|_| !fine_areas.is_empty()) {
             let end_px = self.rows.as_ref().map_or(f64::from(height), |rows| rows.end_px(f64::from(height)));
-            let rows = Part { height: end_px as usize, ..Part::whole(image) };
-            for region in regions(fine_areas, rows, &[fine.scale]) {
-                let cores = region.cores.into_iter().filter(is_above).collect();
-                detections.add(detector.inspect(image, region.part, &[fine.scale])?, cores);
+            let part_px = (end_px + MARGIN_PX / fine.scale).min(f64::from(height)) as usize;
+            let part = Part { height: part_px, ..Part::whole(image) };
+            let small: Vec<[f64; 4]> = fine_areas.iter().filter(|area| area[1] < end_px).copied().collect();
+            for region in regions(&small, part, &[fine.scale]) {
+                detections.add(detector.inspect(image, region.part, &[fine.scale])?, region.cores);
             }
         }
         detections.merge(WEAK_SCORE, (f64::from(width), f64::from(height)));
-        let finest = scales.last().copied().unwrap_or(1.0);
-        self.rows.get_or_insert_default().add(&detections.found, f64::from(height), finest);
         Ok(detections)
     }
 

@@ -200,7 +200,7 @@ fn covered_ground(car: &Vector3<f64>, other: &Vector3<f64>) -> f64 {
 
 /// Whether the two detections cannot be two cars side by side. They are nearer than a car is wide, or their covariances
 /// do not separate them.
-pub(crate) fn share_space(a: &Sighting, b: &Sighting) -> bool {
+fn share_space(a: &Sighting, b: &Sighting) -> bool {
     let away = a.pose.xy() - b.pose.xy();
     let spread = (a.covariance + b.covariance).fixed_view::<2, 2>(0, 0).into_owned();
     away.norm() < 1.6 || spread.try_inverse().is_some_and(|s| away.dot(&(s * away)) < 4.0)

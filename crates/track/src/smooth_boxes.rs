@@ -13,7 +13,7 @@ use crate::{
     way::{Place, Way, per_view, places},
 };
 
-/// Speed below which a vehicle that boxes place counts as stationary, m/s.
+/// Speed below which a vehicle that boxes place counts as stationary, m/s. Below it, boxes show no direction of travel.
 pub(crate) const STANDING_MPS: f64 = 0.3;
 
 /// Returns the states and the size of a vehicle where boxes, and not keypoints, give its pose. For a vehicle that is no

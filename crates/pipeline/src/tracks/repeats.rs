@@ -1,7 +1,7 @@
 //! Finds inference frames that repeat the picture before them.
 //!
-//! A video of a higher frame rate than its camera's shows pictures twice, and a bad connection holds a picture for a
-//! moment. All vehicles then seem to stop and to jump on. Such a frame shows nothing new, so it is no evidence of motion.
+//! If the frame rate of a video is above that of its camera, pictures are repeated. A bad connection also repeats a picture
+//! for a moment. All vehicles then seem to stop and to jump on. Such a frame is no evidence of motion.
 
 use std::collections::VecDeque;
 
@@ -11,7 +11,7 @@ use crate::PipelineError;
 
 /// Longest time between two different pictures, s. In less time, no traffic stops and drives on.
 const MOST_S: f64 = 0.5;
-/// Ratio of the changes in the pictures around a repeated picture to its own change.
+/// Least ratio of the changes in the pictures around a repeated picture to its own change.
 const QUIETER: f64 = 10.0;
 /// Least share of a picture that can be seen to change: about one cell of the change map.
 const LEAST_CHANGE: f64 = 1e-3;
@@ -30,10 +30,10 @@ pub(crate) struct Repeats<I> {
     error: Option<PipelineError>,
 }
 
-/// Returns the share of the picture that changed, if this is an inference frame.
+/// Returns the share of the picture that changed since the inference frame before, if this is one.
 fn change(frame: &FrameRecord) -> Option<f64> {
     let watch = frame.watch.as_ref()?;
-    watch.changed.filter(|_| watch.looked)
+    watch.fresh.filter(|_| watch.looked)
 }
 
 impl<I: Iterator<Item = Result<FrameRecord, PipelineError>>> Repeats<I> {
@@ -46,6 +46,9 @@ impl<I: Iterator<Item = Result<FrameRecord, PipelineError>>> Repeats<I> {
     fn look_ahead(&mut self, (since_s, before): (f64, f64)) -> usize {
         let is_quieter = |change: f64, than: f64| change.max(LEAST_CHANGE) * QUIETER <= than;
         let (mut count, mut most, mut i) = (0, 0.0_f64, 0);
+        if self.error.is_some() {
+            return 0;
+        }
         loop {
             if i == self.ahead.len() {
                 match self.frames.next() {
@@ -112,8 +115,8 @@ mod tests {
     fn repeats(interval_s: f64, changes: &[f64]) -> Vec<bool> {
         let frame = |i: usize| {
             let looked = i.is_multiple_of(2);
-            let changed = looked.then(|| changes[i / 2]);
-            let watch = WatchRecord { looked, changed, ..WatchRecord::default() };
+            let fresh = looked.then(|| changes[i / 2]);
+            let watch = WatchRecord { looked, fresh, ..WatchRecord::default() };
             let size = ImageSize { width: 640, height: 360 };
             let empty = FrameRecord::empty(i as u64, i as f64 * interval_s / 2.0, size);
             Ok(FrameRecord { watch: Some(watch), ..empty })
@@ -139,5 +142,28 @@ mod tests {
         none(0.1, &[0.2, 0.03, 0.2, 0.1]); // fewer vehicles move
         none(0.1, &[0.2, 0.1, 0.0]); // the end of the clip
         none(1.0, &[0.2, 0.0, 0.2]); // pictures that are far apart
+    }
+
+    #[test]
+    fn an_error_comes_after_the_frames_before_it() {
+        let frame = |i: u64| {
+            let watch = WatchRecord {
+                looked: true,
+                fresh: Some(if i == 1 { 0.2 } else { 0.0 }),
+                ..Default::default()
+            };
+            let size = ImageSize { width: 640, height: 360 };
+            FrameRecord { watch: Some(watch), ..FrameRecord::empty(i, i as f64 * 0.1, size) }
+        };
+        let source = [
+            Ok(frame(0)),
+            Ok(frame(1)),
+            Ok(frame(2)),
+            Err(PipelineError::Stopped { signal: 2 }),
+            Ok(frame(4)),
+        ];
+        let found: Vec<Option<u64>> =
+            Repeats::new(source.into_iter()).map(|one| one.ok().map(|(frame, _)| frame.frame)).collect();
+        assert_eq!(found, [Some(0), Some(1), Some(2), None, Some(4)]);
     }
 }
