@@ -54,6 +54,8 @@ pub struct RoiDetections {
 pub struct RoiScheduler {
     /// Number of inference frames within which a full scan covers the picture.
     frames_per_scan: u64,
+    /// Largest number of inference frames from one fine pass to the next.
+    frames_per_fine: u64,
     /// The keyframe to which changes and boxes belong, and its changes.
     map: Option<(Option<u64>, ChangeMap)>,
     tracked: Vec<TrackedBox>,
@@ -70,11 +72,13 @@ pub struct RoiScheduler {
 }
 
 impl RoiScheduler {
-    /// Creates a scheduler for a new clip. A full scan covers the picture within `frames_per_scan` inference frames.
+    /// Creates a scheduler for a new clip. A full scan covers the picture within `frames_per_scan` inference frames. Small
+    /// vehicles are inspected at least once in `frames_per_fine` inference frames.
     #[must_use]
-    pub fn new(frames_per_scan: u64) -> Self {
+    pub fn new(frames_per_scan: u64, frames_per_fine: u64) -> Self {
         Self {
             frames_per_scan: frames_per_scan.max(1),
+            frames_per_fine: frames_per_fine.max(1),
             map: None,
             tracked: Vec::new(),
             cut: Vec::new(),
@@ -213,15 +217,21 @@ impl RoiScheduler {
             scan = scan.map(|core| self.with_vehicles(core, time_s, view));
             areas = self.due_areas(changed, time_s, view);
         }
-        let has_fine = detector.options().fine(width, height).is_some_and(|fine| {
-            // At first, it is not known where vehicles are small.
-            self.rows.is_none() || number.is_multiple_of(fine.every)
+        let fine = detector.options().fine(width, height);
+        // At first, it is not known where vehicles are small.
+        let has_fine = fine.is_some_and(|fine| {
+            self.rows.is_none() || number.is_multiple_of(fine.every.min(self.frames_per_fine))
         });
-        // All passes run on the part of the full scan, so that an error about the rows does not last.
         let mut fine_areas = if has_fine { areas.clone() } else { Vec::new() };
-        areas.retain(|area| !(has_fine && self.is_above(area, height)));
+        if fine.is_some() {
+            areas.retain(|area| !self.is_above(area, height));
+        }
+        // All passes run on the part of the full scan, so that an error about the rows does not last.
         areas.extend(scan);
         fine_areas.extend(scan);
+        // Cut boxes above the row wait for the fine pass.
+        let is_waiting = |cut: &[f64; 4]| !has_fine && self.is_above(&view.in_picture(cut), height);
+        let waiting: Vec<[f64; 4]> = self.cut.iter().copied().filter(is_waiting).collect();
         let detections = self.inspected(detector, image, *view, changed, [&areas, &fine_areas])?;
         let finest = detector.options().scales(width, height).last().copied().unwrap_or(1.0);
         self.rows.get_or_insert_default().add(&detections.found, f64::from(height), finest);
@@ -233,7 +243,7 @@ impl RoiScheduler {
             })
         };
         let cut = detections.cut.iter().map(|cut| view.in_keyframe(cut));
-        self.cut = cut.filter(|cut| !is_carried_over(cut)).collect();
+        self.cut = cut.filter(|cut| !is_carried_over(cut)).chain(waiting).collect();
         Ok(detections)
     }
 

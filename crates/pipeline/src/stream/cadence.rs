@@ -17,6 +17,8 @@ pub struct Cadence {
     pub(crate) crops_every: u64,
     /// Number of inference frames in which the detector's full scan covers the whole picture once.
     pub(crate) frames_per_scan: u64,
+    /// Largest number of inference frames from one fine pass of the detector to the next.
+    pub(crate) frames_per_fine: u64,
     /// Whether region-of-interest scheduling is on.
     pub(crate) uses_regions: bool,
 }
@@ -27,6 +29,9 @@ pub struct Cadence {
 /// likely to find a vehicle that it misses on some frames. With the default passes, pictures of 1024 px or more are
 /// large.
 const LARGE_PX: f64 = 1e6;
+
+/// Longest time between two fine passes of the detector, s. A new track needs three detections within half a second.
+const FINE_S: f64 = 0.25;
 
 /// Time after which the detector and the keypoint net discard their state, s of the input.
 ///
@@ -68,7 +73,9 @@ impl Cadence {
             frames_per_inference(frames, stride, config.detect.input_px(size.width, size.height));
         let interval_s = every as f64 / input.nominal_fps().max(1e-3);
         let frames_per_scan = (watch.sweep_s / interval_s).round().clamp(1.0, 1e6) as u64;
-        Self { every, crops_every, frames_per_scan, uses_regions: watch.attention }
+        // Pictures of a folder may be far apart in time.
+        let frames_per_fine = if frames > 0.0 { (FINE_S / interval_s).max(1.0) as u64 } else { 1 };
+        Self { every, crops_every, frames_per_scan, frames_per_fine, uses_regions: watch.attention }
     }
 
     /// Returns the distance from one inference frame to the next, in frames of the input.

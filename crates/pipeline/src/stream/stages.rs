@@ -37,7 +37,9 @@ pub(crate) fn detect_stage<'a>(
         let interval = interval_of(work.record.time_s);
         let (_, regions) = match &mut memory {
             Some(memory) if memory.0 == interval && cadence.uses_regions => memory,
-            memory => memory.insert((interval, RoiScheduler::new(cadence.frames_per_scan))),
+            memory => {
+                memory.insert((interval, RoiScheduler::new(cadence.frames_per_scan, cadence.frames_per_fine)))
+            }
         };
         let (Some(image), Some(seen)) = (&work.image, &work.seen) else {
             work.record.cars = regions.carried_over();
