@@ -230,7 +230,8 @@ impl RoiScheduler {
         areas.extend(scan);
         fine_areas.extend(scan);
         // Cut boxes above the row wait for the fine pass.
-        let is_waiting = |cut: &[f64; 4]| !has_fine && self.is_above(&view.in_picture(cut), height);
+        let is_delayed = fine.is_some() && !has_fine;
+        let is_waiting = |cut: &[f64; 4]| is_delayed && self.is_above(&view.in_picture(cut), height);
         let waiting: Vec<[f64; 4]> = self.cut.iter().copied().filter(is_waiting).collect();
         let detections = self.inspected(detector, image, *view, changed, [&areas, &fine_areas])?;
         let finest = detector.options().scales(width, height).last().copied().unwrap_or(1.0);
