@@ -12,7 +12,7 @@
 //! ```text
 //! Observation (watch) → RoiScheduler   chooses areas: changes, moving vehicles, a periodic full scan
 //!                                      (regions_of_interest.rs, tracked_box.rs, frame_detections.rs)
-//!                     → FineRows       rows in which the fine pass runs, too   (fine_rows.rs)
+//!                     → FineRows       rows in which the fine pass runs   (fine_rows.rs)
 //!                     → regions        parts of the picture that cover these areas   (regions.rs)
 //!                     → Detector       runs the net in the passes   (detector.rs, resample.rs, decode.rs)
 //!                     → FrameDetections  merges the boxes   (frame_detections.rs, merge.rs)

@@ -11,10 +11,11 @@ use roadplane_watch::{Cells, ChangeMap, Observation, View};
 
 use crate::fine_rows::FineRows;
 use crate::frame_detections::{FrameDetections, weak_beside};
+use crate::options::FinePass;
 use crate::regions::{MARGIN_PX, regions};
 use crate::resample::Part;
 use crate::tracked_box::{TrackedBox, update};
-use crate::{DetectError, Detector};
+use crate::{DetectError, DetectOptions, Detector};
 
 /// Number of inference frames at the start in which the whole picture is inspected. If one of them misses a vehicle,
 /// the next one can find it.
@@ -209,33 +210,30 @@ impl RoiScheduler {
         view: &View,
         changed: &Cells,
     ) -> Result<FrameDetections, DetectError> {
-        let (width, height) = (image.width(), image.height());
+        let [_, _, width, height] = whole(image);
+        let finest = detector.options().scales(image.width(), image.height()).last().copied().unwrap_or(1.0);
         let (mut areas, mut scan) = (vec![whole(image)], None);
         if self.frames > FIRST_FULL_FRAMES {
-            let finest = detector.options().scales(width, height).last().copied().unwrap_or(1.0);
-            scan = scan_part(number, self.frames_per_scan, f64::from(width), f64::from(height), finest);
+            scan = scan_part(number, self.frames_per_scan, width, height, finest);
             scan = scan.map(|core| self.with_vehicles(core, time_s, view));
             areas = self.due_areas(changed, time_s, view);
         }
-        let fine = detector.options().fine(width, height);
+        let fine = self.fine(detector.options(), image);
+        let is_above = |area: &[f64; 4]| fine.is_some_and(|(_, end_px)| area[3] < end_px);
         // At first, it is not known where vehicles are small.
-        let has_fine = fine.is_some_and(|fine| {
+        let has_fine = fine.is_some_and(|(fine, _)| {
             self.rows.is_none() || number.is_multiple_of(fine.every.min(self.frames_per_fine))
         });
         let mut fine_areas = if has_fine { areas.clone() } else { Vec::new() };
-        if fine.is_some() {
-            areas.retain(|area| !self.is_above(area, height));
-        }
+        areas.retain(|area| !is_above(area));
         // All passes run on the part of the full scan, so that an error about the rows does not last.
         areas.extend(scan);
         fine_areas.extend(scan);
         // Cut boxes above the row wait for the fine pass.
-        let is_delayed = fine.is_some() && !has_fine;
-        let is_waiting = |cut: &[f64; 4]| is_delayed && self.is_above(&view.in_picture(cut), height);
+        let is_waiting = |cut: &[f64; 4]| !has_fine && is_above(&view.in_picture(cut));
         let waiting: Vec<[f64; 4]> = self.cut.iter().copied().filter(is_waiting).collect();
         let detections = self.inspected(detector, image, *view, changed, [&areas, &fine_areas])?;
-        let finest = detector.options().scales(width, height).last().copied().unwrap_or(1.0);
-        self.rows.get_or_insert_default().add(&detections.found, f64::from(height), finest);
+        self.rows.get_or_insert_default().add(&detections.found, height, finest);
         // A cut box is inspected as a whole in the next inference frame. The exception is a box that shows a
         // carried-over vehicle beside the inspected area.
         let is_carried_over = |bbox: &[f64; 4]| {
@@ -248,13 +246,15 @@ impl RoiScheduler {
         Ok(detections)
     }
 
-    /// Whether an area lies above the row that separates small vehicles from large ones.
-    fn is_above(&self, area: &[f64; 4], height: u32) -> bool {
-        self.rows.as_ref().is_some_and(|rows| area[3] < rows.end_px(f64::from(height)))
+    /// Returns the fine pass, and the row above which it runs, px. At first, it runs on the whole picture.
+    fn fine(&self, options: &DetectOptions, image: &image::RgbImage) -> Option<(FinePass, f64)> {
+        let height = f64::from(image.height());
+        let end_px = self.rows.as_ref().map_or(height, |rows| rows.end_px(height));
+        options.fine(image.width(), image.height()).map(|fine| (fine, end_px))
     }
 
-    /// Runs the net on areas of a picture, px. The fine pass has its own areas, and runs only where vehicles are small; at
-    /// first, this is the whole picture. There, an area counts as inspected only after the fine pass.
+    /// Runs the net on areas of a picture, px. The fine pass has its own areas, and runs only on their parts above its row.
+    /// An area above this row counts as inspected only after the fine pass.
     fn inspected(
         &self,
         detector: &mut Detector,
@@ -263,25 +263,24 @@ impl RoiScheduler {
         grid: &Cells,
         [areas, fine_areas]: [&[[f64; 4]]; 2],
     ) -> Result<FrameDetections, DetectError> {
-        let (width, height) = (image.width(), image.height());
-        let scales = detector.options().scales(width, height);
-        let fine = detector.options().fine(width, height);
-        let is_above = |area: &[f64; 4]| fine.is_some() && self.is_above(area, height);
+        let [_, _, width, height] = whole(image);
+        let scales = detector.options().scales(image.width(), image.height());
+        let fine = self.fine(detector.options(), image);
+        let is_above = |area: &[f64; 4]| fine.is_some_and(|(_, end_px)| area[3] < end_px);
         let mut detections = FrameDetections::new(detector.options(), view, grid);
         for region in regions(areas, Part::whole(image), &scales) {
             let cores = region.cores.into_iter().filter(|core| !is_above(core)).collect();
             detections.add(detector.inspect(image, region.part, &scales)?, cores);
         }
-        if let Some(fine) = fine.filter(|_| !fine_areas.is_empty()) {
-            let end_px = self.rows.as_ref().map_or(f64::from(height), |rows| rows.end_px(f64::from(height)));
-            let part_px = (end_px + MARGIN_PX / fine.scale).min(f64::from(height)) as usize;
+        if let Some((fine, end_px)) = fine {
+            let part_px = (end_px + MARGIN_PX / fine.scale).min(height) as usize;
             let part = Part { height: part_px, ..Part::whole(image) };
             let small: Vec<[f64; 4]> = fine_areas.iter().filter(|area| area[1] < end_px).copied().collect();
             for region in regions(&small, part, &[fine.scale]) {
                 detections.add(detector.inspect(image, region.part, &[fine.scale])?, region.cores);
             }
         }
-        detections.merge(WEAK_SCORE, (f64::from(width), f64::from(height)));
+        detections.merge(WEAK_SCORE, (width, height));
         Ok(detections)
     }
 

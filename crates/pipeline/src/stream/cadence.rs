@@ -23,7 +23,8 @@ pub struct Cadence {
     pub(crate) uses_regions: bool,
 }
 
-/// Size from which a picture counts as large: the number of pixels of the detector's input, summed over all passes but the fine one.
+/// Size from which a picture counts as large: the number of pixels of the detector's input, summed over all passes but
+/// the fine one.
 ///
 /// On smaller pictures, the detector runs more often at the same total cost. With more runs, the detector is more
 /// likely to find a vehicle that it misses on some frames. With the default passes, pictures of 1024 px or more are
