@@ -19,6 +19,8 @@ SIZES_PX = (16.0, 300.0)
 SCALES = (0.15, 1.6)
 # Share of the views that look at a mistake of an earlier net, of pictures that have some. It is an ESTIMATE.
 MISTAKES_SHARE = 0.4
+# Share of dark views, and the largest sd of the noise by night and by day, of full scale. They are ESTIMATES.
+NIGHT_SHARE, NIGHT_NOISE, DAY_NOISE = 0.2, 0.1, 0.045
 # A vehicle of which less lies inside the input is ignored, and one with a shorter longer side.
 SMALLEST_INSIDE, SMALLEST_SIDE_PX = 0.35, 10.0
 
@@ -119,14 +121,16 @@ def degrade(rng: np.random.Generator, image: np.ndarray) -> np.ndarray:
     if rng.random() < 0.6:
         x = _relit(x, math.exp(rng.normal(0, 0.25)), math.exp(rng.normal(0, 0.2)), rng.uniform(0.75, 1.2))
         x *= np.exp(rng.normal(0, 0.05, 3)).astype(np.float32)
-    night = rng.random() < 0.15
+    night = rng.random() < NIGHT_SHARE
     if night:
         x = _relit(x, rng.uniform(0.2, 0.6), rng.uniform(1.2, 2.2), rng.uniform(0.6, 1.0))
+        if rng.random() < 0.5:  # the camera shows all that is darker than a level as black
+            x -= rng.uniform(0, 0.6) * x.mean()
     if rng.random() < 0.1:
         x = x.mean(2, keepdims=True).repeat(3, 2)
     x = _blurred(rng, x)
     if night or rng.random() < 0.4:
-        x = x + rng.normal(0, rng.uniform(0, 0.07 if night else 0.045), x.shape).astype(np.float32)
+        x = x + rng.normal(0, rng.uniform(0, NIGHT_NOISE if night else DAY_NOISE), x.shape).astype(np.float32)
     found = (x.clip(0, 1) * 255 + 0.5).astype(np.uint8)
     if rng.random() < 0.5:
         quality = int(rng.integers(25, 90))

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
 import torch
-from torch.utils.data import DataLoader, Dataset
+from torch.utils.data import Dataset
 
 from roadplane_train.detect.assign import Targets, targets_of
 from roadplane_train.detect.augment import degrade, letterbox, random_view
@@ -86,20 +84,6 @@ class Sampler(Dataset[Lesson]):
         view = random_view(rng, picture, self.input_px)
         boxes, classes = view.boxes(picture)
         return degrade(rng, view.pixels(picture.read())), boxes, classes, picture.real
-
-
-def prepared(sampler: Sampler, steps: range, jobs: int) -> Iterator[Lesson]:
-    """Yields the lessons of steps, in order. A thread or `jobs` processes prepare the next ones meanwhile."""
-    if jobs:
-        yield from DataLoader(sampler, batch_size=None, sampler=steps, num_workers=jobs)
-        return
-    with ThreadPoolExecutor(1) as pool:
-        future = pool.submit(sampler.__getitem__, steps.start)
-        for step in steps:
-            lesson = future.result()
-            if step + 1 < steps.stop:
-                future = pool.submit(sampler.__getitem__, step + 1)
-            yield lesson
 
 
 def whole_pictures(pictures: list[Picture], input_px: int = INPUT_PX) -> list[Batch]:

@@ -15,9 +15,10 @@ import pytest
 
 torch = pytest.importorskip("torch", reason="PyTorch is missing (apt-get install python3-torch)")
 
+from roadplane_train.batches import prepared
 from roadplane_train.cars.mesh import REPOSITORY
 from roadplane_train.detect.augment import PADDING, View, degrade, letterbox, random_view
-from roadplane_train.detect.data import Sampler, batch_of, prepared, whole_pictures
+from roadplane_train.detect.data import Sampler, batch_of, whole_pictures
 from roadplane_train.detect.frames import stills_of
 from roadplane_train.detect.outlines import bounds, octagon, visible_outline
 from roadplane_train.detect.panoramas import exposed, write_panoramas

@@ -19,15 +19,15 @@ import numpy as np
 import torch
 from torch import nn
 
+from roadplane_train.batches import fast, prepared
 from roadplane_train.cars.mesh import REPOSITORY
 from roadplane_train.detect.boxes import cells_of, detections, flat
-from roadplane_train.detect.data import Batch, Lesson, Sampler, prepared, whole_pictures
+from roadplane_train.detect.data import Batch, Lesson, Sampler, whole_pictures
 from roadplane_train.detect.loss import Losses, losses_of
 from roadplane_train.detect.metrics import Judged
 from roadplane_train.detect.model import CLASSES, INPUT_PX, NanoDet, with_classes
 from roadplane_train.detect.onnx_file import ORIGINAL, read_net, write_net
 from roadplane_train.detect.pictures import Picture, empty_pictures, labelled_pictures, rendered_pictures, with_mistakes
-from roadplane_train.net.loss import HAS_BF16
 from roadplane_train.net.train import Average, learning_rate
 
 WORK = REPOSITORY / ".runtime/detect"
@@ -199,11 +199,6 @@ class Training:
         for name, batches in self.held_out.items():
             figures = " ".join(f"{figure} {value:.1f}" for figure, value in probe(net, batches).items())
             print(f"  held out, {name}: {figures}", flush=True)
-
-
-def fast(device: torch.device) -> torch.autocast:
-    """Returns the context in which nets compute in bfloat16, where the device has instructions for it."""
-    return torch.autocast(device.type, dtype=torch.bfloat16, enabled=device.type == "cuda" or HAS_BF16)
 
 
 def found_in(net: NanoDet, batch: Batch, least: float = 0.05) -> np.ndarray:

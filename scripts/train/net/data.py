@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import queue
-import threading
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
+import torch
+from torch.utils.data import Dataset
 
 from roadplane_train.cars.mesh import KEYPOINT_NAMES, MIRROR
 from roadplane_train.render.crops import CROP_SCALE
@@ -25,11 +25,15 @@ KEYPOINTS = len(KEYPOINT_NAMES)
 class Batch:
     """image [B, 128, 128, 3] u8; points [B, 36, 2] crop px; the others [B, 36] in 0…1."""
 
-    image: np.ndarray
-    points: np.ndarray
-    located: np.ndarray  # weight of the location loss
-    visible: np.ndarray  # target of the visibility loss
-    judged: np.ndarray  # weight of the visibility loss
+    image: torch.Tensor
+    points: torch.Tensor
+    located: torch.Tensor  # weight of the location loss
+    visible: torch.Tensor  # target of the visibility loss
+    judged: torch.Tensor  # weight of the visibility loss
+
+    def to(self, device: torch.device) -> Batch:
+        """Returns the batch on a device."""
+        return Batch(*(tensor.to(device, non_blocking=True) for tensor in vars(self).values()))
 
 
 # One car of the labels, with its fields in this order.
@@ -45,6 +49,7 @@ class Shards:
         self.visible: list[np.ndarray] = []
         self.sides: list[float] = []  # longer side of the car's box, crop px
         self.sizes: list[float] = []  # the same in pixels of the picture
+        self.elevations: list[float] = []  # of the camera above the ground at the car, deg
         self.bodies: list[str] = []
         for path in sorted(folder.glob("*.npz")):
             if limit and len(self) >= limit:
@@ -55,6 +60,7 @@ class Shards:
                 self.visible.extend(shard["visible"])
                 self.sides.extend(shard["box_side_px"])
                 self.sizes.extend(shard["car_px"])
+                self.elevations.extend(shard["elevation_deg"])
                 self.bodies.extend(shard["body"])
 
     def __len__(self) -> int:
@@ -168,8 +174,8 @@ def _degrade(image: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return image
 
 
-class Sampler:
-    """Draws augmented batches in a background thread; a batch depends on the seed and its number alone."""
+class Sampler(Dataset[Batch]):
+    """Draws augmented batches; a batch depends on the seed and its number alone."""
 
     def __init__(
         self,
@@ -178,37 +184,18 @@ class Sampler:
         batch: int,
         real_share: float,
         seed: list[int],
-        first: int = 0,
         augment: bool = True,
     ) -> None:
         self.shards, self.real, self.batch = shards, real, batch
         self.real_count = round(batch * real_share) if real else 0
-        self.seed, self.number, self.augment = seed, first, augment
-        self.queue: queue.Queue[Batch | Exception] = queue.Queue(8)
-        threading.Thread(target=self._fill, daemon=True).start()
+        self.seed, self.augment = seed, augment
 
-    def _fill(self) -> None:
-        while True:
-            try:
-                self.queue.put(self.draw())
-            except Exception as error:  # otherwise the training would wait for ever
-                self.queue.put(error)
-                return
-
-    def next(self) -> Batch:
-        """Returns the next batch."""
-        batch = self.queue.get()
-        if isinstance(batch, Exception):
-            raise batch
-        return batch
-
-    def draw(self) -> Batch:
-        """Draws the next batch."""
-        self.rng = np.random.default_rng([*self.seed, self.number])
-        self.number += 1
+    def __getitem__(self, number: int) -> Batch:
+        """Returns the batch of a number."""
+        self.rng = np.random.default_rng([*self.seed, number])
         samples = [self._real() for _ in range(self.real_count)]
         samples += [self._rendered() for _ in range(self.batch - self.real_count)]
-        return Batch(*(np.stack(column) for column in zip(*samples)))
+        return Batch(*(torch.from_numpy(np.stack(column)) for column in zip(*samples)))
 
     def _rendered(self) -> Sample:
         rng = self.rng
@@ -246,4 +233,4 @@ class Sampler:
     def _labelled(image: np.ndarray, points: np.ndarray, located: np.ndarray, visible: np.ndarray, judged: np.ndarray) -> Sample:
         points = np.nan_to_num(points, nan=-1e3)
         inside = ((points > -0.5) & (points < INPUT_PX - 0.5)).all(1)
-        return image, points.astype(np.float32), located * inside, visible * inside, judged
+        return image, *(x.astype(np.float32) for x in (points, located * inside, visible * inside, judged))

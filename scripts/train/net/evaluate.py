@@ -24,7 +24,8 @@ FRONT_BACK = np.array(_ENDS + [k + 18 for k in _ENDS])
 LEFT_RIGHT = np.array(MIRROR)
 CONFUSIONS = {"left/right": LEFT_RIGHT, "front/back": FRONT_BACK, "turned round": LEFT_RIGHT[FRONT_BACK]}
 NORMAL_SD_PER_MAD = 1.4826
-SIZES_PX = (0, 40, 60, 100, 200, 10_000)
+SIZES_PX = (0, 30, 60, 100, 200, 10_000)
+ELEVATIONS_DEG = (0, 4, 10, 25, 90)
 
 
 def robust_sd(values: np.ndarray) -> float:
@@ -44,6 +45,7 @@ class Crop:
     car_px: float  # the same in pixels of the picture
     body: str
     group: str
+    elevation_deg: float = np.nan  # of the camera above the car's ground; real cars have none
 
 
 @dataclass
@@ -115,6 +117,7 @@ def shard_crops(shards: Shards, count: int | None = None) -> list[Crop]:
                 float(shards.sizes[i]),
                 str(shards.bodies[i]),
                 "rendered",
+                float(shards.elevations[i]),
             )
         )
     return crops
@@ -196,11 +199,13 @@ def evaluate(net: Deployed, crops: list[Crop], calibration: Calibration | None =
 
 
 def tables(result: Result, crops: list[Crop]) -> str:
-    """Prints errors per keypoint, per size and per body."""
+    """Returns errors per keypoint, per size, per elevation of the camera, and per body."""
     error = 100 * result.error
     rows = [(name[5:], result.index % 18 == k) for k, name in enumerate(KEYPOINT_NAMES[:18])]
     sizes = np.array([c.car_px for c in crops])[result.car]
     rows += [(f"{a}–{b} px", (sizes >= a) & (sizes < b)) for a, b in zip(SIZES_PX, SIZES_PX[1:])]
+    elevations = np.array([c.elevation_deg for c in crops])[result.car]
+    rows += [(f"{a}–{b}°", (elevations >= a) & (elevations < b)) for a, b in zip(ELEVATIONS_DEG, ELEVATIONS_DEG[1:])]
     bodies = np.array([c.body for c in crops])[result.car]
     rows += [(body, bodies == body) for body in sorted(set(bodies))]
     return "\n".join(
@@ -213,7 +218,7 @@ def tables(result: Result, crops: list[Crop]) -> str:
 
 def load(path: Path, work_px: int | None = None) -> Deployed:
     """Loads the averaged weights of a run, as they are exported; `work_px` replaces the checkpoint's input size."""
-    state = torch.load(path)
+    state = torch.load(path, map_location="cpu")
     net = StackedHourglass(state["stacks"], state["channels"])
     net.load_state_dict(state["average"])
     return Deployed(net, work_px or state["input_px"]).eval()
@@ -228,7 +233,7 @@ def main() -> None:
     parser.add_argument("--real", type=Path, help="folder of hand-labelled cars")
     parser.add_argument("--only", nargs="*", help="real images (file stems) to evaluate on (default: all)")
     parser.add_argument("--count", type=int, default=1024)
-    parser.add_argument("--tables", action="store_true", help="prints errors per keypoint, size and body")
+    parser.add_argument("--tables", action="store_true", help="prints errors per keypoint, size, elevation and body")
     args = parser.parse_args()
     torch.set_num_threads(1)
     net = load(args.weights, args.work_px)

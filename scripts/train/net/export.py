@@ -73,7 +73,7 @@ def main() -> None:
     args = parser.parse_args()
     torch.set_num_threads(1)
     weights = args.runs / args.run / "last.pt"
-    net, state = load(weights, args.work_px), torch.load(weights)
+    net, state = load(weights, args.work_px), torch.load(weights, map_location="cpu")
     recipe = json.loads((weights.parent / "recipe.json").read_text())
     rendered = shard_crops(Shards(args.crops), RENDERED_CROPS)
     if isinstance(recipe["hold_out"], str):

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import torch
 from torch import nn
 
+from roadplane_train.batches import fast
 from roadplane_train.net.data import Batch
 from roadplane_train.net.decode import WINDOW_CELLS
 from roadplane_train.net.model import STRIDE
@@ -14,15 +13,12 @@ from roadplane_train.net.model import STRIDE
 TARGET_SD_CELLS = 0.6
 DISTANCE_WEIGHT = 1.0  # weight of a pixel against a nat
 SMOOTH_PX = 0.1
-CPU_INFO = Path("/proc/cpuinfo")
-# About three times as fast where the CPU has instructions for it.
-HAS_BF16 = CPU_INFO.exists() and bool({"avx512_bf16", "amx_bf16"} & set(CPU_INFO.read_text().split()))
 
 
 def targets(points: torch.Tensor, cells: int) -> torch.Tensor:
     """Returns a narrow Gaussian over the cells [B, K, n²], sum 1, around locations [B, K, 2] in input px."""
     cell = (points - (STRIDE - 1) / 2) / STRIDE
-    grid = torch.arange(cells, dtype=torch.float32)
+    grid = torch.arange(cells, dtype=torch.float32, device=points.device)
     x = -((grid - cell[..., :1]) ** 2) / (2 * TARGET_SD_CELLS**2)
     y = -((grid - cell[..., 1:]) ** 2) / (2 * TARGET_SD_CELLS**2)
     return (y.softmax(-1).unsqueeze(-1) * x.softmax(-1).unsqueeze(-2)).flatten(2)
@@ -36,7 +32,7 @@ def peak_distance(logits: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
     cells = logits.shape[-1]
     peak = logits.flatten(2).argmax(2)
     row, column = torch.div(peak, cells, rounding_mode="floor"), peak % cells
-    grid = torch.arange(cells)
+    grid = torch.arange(cells, device=logits.device)
     in_rows = (grid - row.unsqueeze(-1)).abs() <= WINDOW_CELLS
     in_columns = (grid - column.unsqueeze(-1)).abs() <= WINDOW_CELLS
     window = in_rows.unsqueeze(-1) & in_columns.unsqueeze(-2)
@@ -49,12 +45,11 @@ def peak_distance(logits: torch.Tensor, points: torch.Tensor) -> torch.Tensor:
 
 def loss_of(net: nn.Module, batch: Batch) -> tuple[torch.Tensor, dict[str, float]]:
     """Returns the losses of each stack's heatmaps, of the last one's peaks, and of the visibility."""
-    image = torch.from_numpy(batch.image).permute(0, 3, 1, 2).float().div(255)
-    with torch.autocast("cpu", enabled=HAS_BF16):
+    image = batch.image.permute(0, 3, 1, 2).float().div(255)
+    with fast(image.device):
         heatmaps, visibility = net(image.contiguous(memory_format=torch.channels_last))
     visibility = visibility.float()
-    located = torch.from_numpy(batch.located).float()
-    points = torch.from_numpy(batch.points)
+    located, points = batch.located, batch.points
     target = targets(points, image.shape[-1] // STRIDE)
     count = located.sum().clamp(min=1)
     parts = []
@@ -62,8 +57,8 @@ def loss_of(net: nn.Module, batch: Batch) -> tuple[torch.Tensor, dict[str, float
         entropy = -(target * logits.flatten(2).log_softmax(2)).sum(2)
         parts.append((entropy * located).sum() / count)
     off = (peak_distance(heatmaps[-1], points) * located).sum() / count
-    judged = torch.from_numpy(batch.judged).float()
-    seen = nn.functional.binary_cross_entropy_with_logits(visibility, torch.from_numpy(batch.visible).float(), reduction="none")
+    judged = batch.judged
+    seen = nn.functional.binary_cross_entropy_with_logits(visibility, batch.visible, reduction="none")
     visible = (seen * judged).sum() / judged.sum().clamp(min=1)
-    loss = sum(parts[:-1], start=torch.tensor(0.0)) * 0.5 + parts[-1] + DISTANCE_WEIGHT * off + visible
+    loss = sum(parts[:-1], start=torch.zeros_like(off)) * 0.5 + parts[-1] + DISTANCE_WEIGHT * off + visible
     return loss, {"heat": float(parts[-1]), "off": float(off), "visible": float(visible)}

@@ -102,7 +102,7 @@ class StackedHourglass(nn.Module):
         features = x
         for i, hourglass in enumerate(self.hourglasses):
             features = self.features[i](hourglass(x))
-            with torch.autocast("cpu", enabled=False):  # logits range over tens of units: too coarse in bfloat16
+            with torch.autocast(features.device.type, enabled=False):  # logits range over tens of units: too coarse in bfloat16
                 logits = self.heads[i](features.float())
             heatmaps.append(logits)
             if i < len(self.back):

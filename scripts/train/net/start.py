@@ -16,7 +16,7 @@ ADDED_LATER = ".fine."
 def read_weights(path: Path) -> dict[str, torch.Tensor]:
     """Reads the averaged weights of a checkpoint (`.pt`) or the weights of an exported net (`.onnx`)."""
     if path.suffix != ".onnx":
-        return torch.load(path)["average"]
+        return torch.load(path, map_location="cpu")["average"]
     import onnx
 
     stored = onnx.load(str(path)).graph.initializer
@@ -30,7 +30,7 @@ def read_weights(path: Path) -> dict[str, torch.Tensor]:
 def read_stages(path: Path) -> list[dict]:
     """Reads the earlier trainings of a checkpoint or, from its card, of an exported net (`Training.stage`)."""
     if path.suffix != ".onnx":
-        return torch.load(path)["stages"]
+        return torch.load(path, map_location="cpu")["stages"]
     return json.loads(path.with_suffix(".card.json").read_text())["how_made"]["stages"]
 
 

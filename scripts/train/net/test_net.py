@@ -64,9 +64,9 @@ class Data(unittest.TestCase):
         rng = np.random.default_rng(0)
         with tempfile.TemporaryDirectory() as empty:
             sampler = Sampler(Shards(Path(empty)), [labelled_car(rng)], 24, 1.0, seed=[1])
-        batch = sampler.next()
+        batch = sampler[0]
         contrast, sides = [], set()
-        for image, points, located in zip(batch.image, batch.points, batch.located):
+        for image, points, located in zip(batch.image.numpy(), batch.points.numpy(), batch.located.numpy()):
             known = np.flatnonzero(located)
             sides.add(bool(known[0] >= 18))
             grey = image.astype(float).mean(2)
@@ -137,7 +137,7 @@ def tiny_training(folder: Path) -> list[str]:
     crops.mkdir(parents=True)
     shard = {"image": rng.integers(0, 255, (8, 128, 128, 3), np.uint8), "keypoints": points}
     shard |= {"visible": np.ones((8, 36), np.uint8), "body": np.array(["sedan"] * 8)}
-    np.savez(crops / "shard_00000.npz", box_side_px=np.ones(8), car_px=np.ones(8), **shard)
+    np.savez(crops / "shard_00000.npz", **shard, **{name: np.ones(8) for name in ("box_side_px", "car_px", "elevation_deg")})
     options = ["--crops", str(crops.parent), "--runs", str(folder), "--channels", "16", "--stacks", "1"]
     return [*options, "--batch", "4", "--input-px", "64"]
 
@@ -173,7 +173,7 @@ class Net(unittest.TestCase):
         torch.manual_seed(0)
         rng = np.random.default_rng(4)
         with tempfile.TemporaryDirectory() as empty:
-            batch = Sampler(Shards(Path(empty)), [labelled_car(rng)], 2, 1.0, seed=[5]).next()
+            batch = Sampler(Shards(Path(empty)), [labelled_car(rng)], 2, 1.0, seed=[5])[0]
         net = StackedHourglass(1, 16)
         optimiser = torch.optim.AdamW(net.parameters(), lr=5e-3)
         losses = []

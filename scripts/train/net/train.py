@@ -13,11 +13,11 @@ from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 import torch
 from torch import distributed, multiprocessing, nn
 
+from roadplane_train.batches import prepared
 from roadplane_train.net.data import Batch, RealCar, Sampler, Shards, read_real
 from roadplane_train.net.evaluate import evaluate, real_crops, shard_crops
 from roadplane_train.net.loss import loss_of
@@ -36,8 +36,8 @@ def shrunk(batch: Batch, size: int) -> Batch:
     """Returns the batch at another input size."""
     if size == INPUT_PX:
         return batch
-    image = np.stack([cv2.resize(i, (size, size), interpolation=cv2.INTER_AREA) for i in batch.image])
-    return replace(batch, image=image, points=(batch.points + 0.5) * (size / INPUT_PX) - 0.5)
+    image = nn.functional.interpolate(batch.image.permute(0, 3, 1, 2).float(), (size, size), mode="area")
+    return replace(batch, image=image.permute(0, 2, 3, 1), points=(batch.points + 0.5) * (size / INPUT_PX) - 0.5)
 
 
 class Average:
@@ -90,21 +90,23 @@ class Training:
         torch.manual_seed(options.seed)
         self.folder = options.runs / options.run
         self.folder.mkdir(parents=True, exist_ok=True)
-        self.net = StackedHourglass(options.stacks, options.channels).to(memory_format=torch.channels_last)
-        self.optimiser = torch.optim.AdamW(self.net.parameters(), lr=options.rate, weight_decay=1e-4)
+        self.device = torch.device(options.device)
+        self.net = StackedHourglass(options.stacks, options.channels)
         self.step, self.spent, self.before = 0, 0.0, []
-        state = torch.load(self.folder / "last.pt") if (self.folder / "last.pt").exists() else None
+        state = torch.load(self.folder / "last.pt", map_location=self.device) if (self.folder / "last.pt").exists() else None
         if state:
             self.net.load_state_dict(state["net"])
-            self.optimiser.load_state_dict(state["optimiser"])
             self.step, self.spent, self.before = state["step"], state["spent"], state["stages"][:-1]
             if not worker:
                 print(f"resuming at step {self.step}, {self.spent / 60:.1f} min")
         elif options.start_from:
             start(self.net, read_weights(options.start_from))
             self.before = read_stages(options.start_from)
+        self.net.to(self.device, memory_format=torch.channels_last)
+        self.optimiser = torch.optim.AdamW(self.net.parameters(), lr=options.rate, weight_decay=1e-4)
         self.average = Average(self.net)
         if state:
+            self.optimiser.load_state_dict(state["optimiser"])
             self.average.weights, self.average.steps = state["average"], state["average_steps"]
 
     def read_crops(self) -> None:
@@ -114,15 +116,15 @@ class Training:
         self.shards = Shards(options.crops / "train")
         if not len(self.shards):
             raise SystemExit(f"no crops in {options.crops / 'train'}: make them with roadplane-train render crops")
-        self.sampler = Sampler(
+        sampler = Sampler(
             self.shards,
             learn,
             options.batch // options.workers,
             options.real_share,
             [options.seed, self.worker],
-            self.step,
             not options.no_augmentation,
         )
+        self.batches = prepared(sampler, range(self.step, options.steps), options.jobs)
         if not self.worker:
             print(f"{len(self.shards)} rendered crops, {len(learn)} real cars, {len(self.held_out)} held out")
             recipe = {name: str(value) for name, value in vars(options).items()}
@@ -142,7 +144,7 @@ class Training:
         """Trains one step and returns the parts of its loss."""
         for group in self.optimiser.param_groups:
             group["lr"] = learning_rate(self.options.rate, self.step / self.options.steps)
-        loss, parts = loss_of(self.net, shrunk(self.sampler.next(), self.size()))
+        loss, parts = loss_of(self.net, shrunk(next(self.batches).to(self.device), self.size()))
         self.optimiser.zero_grad(set_to_none=True)
         loss.backward()
         if distributed.is_initialized():
@@ -212,6 +214,8 @@ def parse_options(arguments: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--channels", type=int, default=64)
     parser.add_argument("--input-px", type=int, default=INPUT_PX, help="largest picture size to train at")
     parser.add_argument("--no-augmentation", action="store_true", help="uses rendered crops unchanged (ablation)")
+    parser.add_argument("--device", default="cpu", help="cpu or cuda")
+    parser.add_argument("--jobs", type=int, default=0, help="processes that prepare batches (0: one thread)")
     parser.add_argument("--workers", type=int, default=1, help="processes that share each batch, one thread each")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(

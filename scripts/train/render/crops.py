@@ -9,7 +9,9 @@ import argparse
 import os
 import time
 import zlib
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from multiprocessing import get_context
 from pathlib import Path
 
 import cv2
@@ -49,6 +51,7 @@ class Crop:
     box_side_px: float
     car_px: float
     share: float
+    elevation_deg: float
 
 
 @dataclass
@@ -143,14 +146,18 @@ def make_crop(renderer: Renderer, scene: Scene, camera: Camera, seen: VisiblePar
         image = cv2.resize(image, (CROP_PX, CROP_PX), interpolation=cv2.INTER_AREA)
     keypoints = ((seen.keypoints - centre) / side + 0.5) * CROP_PX - 0.5
     longer = float((seen.box[2:] - seen.box[:2]).max())
-    return Crop(image, keypoints.astype(np.float32), seen.visible, longer / side * CROP_PX, longer, seen.share)
+    east, north = scene.cars[0].world_from_car[:2, 3]
+    elevation = float(np.degrees(np.arctan2(camera.height_m, np.hypot(east, north))))
+    return Crop(image, keypoints.astype(np.float32), seen.visible, longer / side * CROP_PX, longer, seen.share, elevation)
 
 
 class Generator:
     """Deterministic shards of crops."""
 
-    def __init__(self, split: str, seed: int, meshes: list[CarMesh], renderer: Renderer | None = None) -> None:
-        self.split, self.seed = split, seed
+    def __init__(
+        self, split: str, seed: int, meshes: list[CarMesh], renderer: Renderer | None = None, hard: bool = False
+    ) -> None:
+        self.split, self.seed, self.hard = split, seed, hard
         self.renderer = renderer or Renderer()
         self.meshes = meshes
 
@@ -170,7 +177,8 @@ class Generator:
         while len(crops) < count:
             targets = real if real and rng.random() < MESH_SHARE else built
             target = targets[rng.integers(len(targets))]
-            scene, camera = sampler.sample(rng, target, near_edge=rng.random() < 0.1, occluded=rng.random() < 0.28)
+            near_edge, occluded_now = rng.random() < 0.1, rng.random() < 0.28
+            scene, camera = sampler.sample(rng, target, near_edge, occluded_now, self.hard)
             seen = visible_part(self.renderer, scene, camera, 0)
             if seen is None or seen.share < 0.25:
                 continue
@@ -187,6 +195,7 @@ class Generator:
             "box_side_px": np.array([c.box_side_px for c in crops], np.float32),
             "car_px": np.array([c.car_px for c in crops], np.float32),
             "share": np.array([c.share for c in crops], np.float32),
+            "elevation_deg": np.array([c.elevation_deg for c in crops], np.float32),
             "car": np.array([car.mesh.name for car in cars]),
             "body": np.array([car.mesh.body for car in cars]),
         }
@@ -212,16 +221,28 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="number of the first shard, to split the work among processes")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--split", choices=("train", "eval"), default="train")
+    parser.add_argument("--hard", action="store_true", help="small cars, and views from eye level and from above")
+    parser.add_argument("--jobs", type=int, default=1, help="processes that render at the same time")
     parser.add_argument("--redo-before", type=float, default=0.0, help="renders older shards again (Unix time)")
     options = parser.parse_args()
+    (options.out / options.split).mkdir(parents=True, exist_ok=True)
+    numbers = range(options.first, options.first + -(-options.count // SHARD))
+    if options.jobs == 1:
+        render_shards(options, numbers)
+        return
+    with ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool:  # an OpenGL context does not survive a fork
+        list(pool.map(render_shards, [options] * options.jobs, [numbers[k :: options.jobs] for k in range(options.jobs)]))
+
+
+def render_shards(options: argparse.Namespace, numbers: range) -> None:
+    """Renders the shards that are missing or too old."""
     folder = options.out / options.split
-    folder.mkdir(parents=True, exist_ok=True)
     generator = None
-    for number in range(options.first, options.first + -(-options.count // SHARD)):
+    for number in numbers:
         path = folder / f"shard_{number:05d}.npz"
         if path.exists() and path.stat().st_mtime >= options.redo_before:
             continue
-        generator = generator or Generator(options.split, options.seed, real_meshes(options.split))
+        generator = generator or Generator(options.split, options.seed, real_meshes(options.split), hard=options.hard)
         start = time.perf_counter()
         temporary = path.with_suffix(f".{os.getpid()}.tmp")
         with temporary.open("wb") as file:

@@ -66,26 +66,33 @@ class Scene:
         self.light.exposure = float(-np.log(1 - key) / 1.2 / middle)
 
 
-def sample_elevation(rng: np.random.Generator) -> float:
+def sample_elevation(rng: np.random.Generator, hard: bool = False) -> float:
     """Draws the angle below the horizon at which the camera sees the car, rad.
 
-    Flat views of far cars are nearly as common as others.
+    Flat views of far cars are nearly as common as others. Hard views are at eye level or steep.
     """
+    if hard:
+        return float(np.radians(np.exp(rng.uniform(*np.log((0.4, 5)))) if rng.random() < 0.4 else rng.uniform(22, 62)))
     kind = rng.random()
     if kind < 0.45:
         return float(np.radians(np.exp(rng.uniform(np.log(0.8), np.log(20)))))
     return float(np.radians(rng.uniform(2.5, 50) if kind < 0.94 else rng.uniform(50, 68)))
 
 
-def sample_view(rng: np.random.Generator, near_edge: bool) -> tuple[Camera, np.ndarray, float]:
-    """Draws a camera, the ground point of its target, and the wanted size of the car in the frame (px)."""
+def sample_view(rng: np.random.Generator, near_edge: bool, hard: bool = False) -> tuple[Camera, np.ndarray, float]:
+    """Draws a camera, the ground point of its target, and the wanted size of the car in the frame (px).
+
+    In hard views, half of the cars are small.
+    """
     while True:
         size = FRAME_SIZES[rng.integers(len(FRAME_SIZES))]
         focal = np.exp(rng.uniform(np.log(0.6), np.log(6.0))) * size[0]
         car_px = np.exp(rng.normal(np.log(84), 0.62)) if rng.random() < 0.8 else np.exp(rng.uniform(np.log(24), np.log(500)))
+        if hard and rng.random() < 0.5:
+            car_px = np.exp(rng.uniform(*np.log((24, 64))))
         if not 24 <= car_px <= 500:
             continue
-        below = sample_elevation(rng)
+        below = sample_elevation(rng, hard)
         distance = focal * 3.9 / car_px
         height = distance * np.sin(below)
         if not 2.5 < height < 32:
@@ -133,9 +140,11 @@ class SceneSampler:
         gpu = self.pool[rng.integers(len(self.pool))]
         return PlacedCar(gpu, sample_car_appearance(rng), world_from_car(place[0], place[1], heading))
 
-    def sample(self, rng: np.random.Generator, target: GpuCar, near_edge: bool, occluded: bool) -> tuple[Scene, Camera]:
+    def sample(
+        self, rng: np.random.Generator, target: GpuCar, near_edge: bool, occluded: bool, hard: bool = False
+    ) -> tuple[Scene, Camera]:
         """Draws a scene around a target at a random heading."""
-        camera, ground, _ = sample_view(rng, near_edge)
+        camera, ground, _ = sample_view(rng, near_edge, hard)
         view_azimuth = np.arctan2(ground[1], ground[0])
         heading = rng.uniform(0, 2 * np.pi)
         first = PlacedCar(target, sample_car_appearance(rng), world_from_car(ground[0], ground[1], heading))
