@@ -38,7 +38,6 @@ fn frame() -> FrameRecord {
             log_scale: None,
         }),
         changed: Some(0.125),
-        fresh: Some(0.0625),
         seen: None,
         left_out: None,
         motion: vec![Registration {

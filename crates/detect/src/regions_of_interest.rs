@@ -42,8 +42,6 @@ pub struct RoiDetections {
     pub weak: Vec<WeakBox>,
     /// Share of the picture that changed since its last inspection, 0–1.
     pub changed: f64,
-    /// Share of the picture that changed since the last inference frame, 0–1. `None` in the first one of a keyframe.
-    pub fresh: Option<f64>,
     /// Share of the picture that was inspected in this frame, 0–1.
     pub inspected: f64,
     /// The cells of the keyframe with a change or a vehicle.
@@ -121,7 +119,6 @@ impl RoiScheduler {
                 cars: Vec::new(),
                 weak: Vec::new(),
                 changed: 1.0,
-                fresh: None,
                 inspected: 0.0,
                 busy: all_cells(),
             });
@@ -132,14 +129,7 @@ impl RoiScheduler {
             let FrameDetections { found, weak, .. } =
                 self.inspected(detector, image, own, &all, [&[whole(image)], &[]])?;
             let weak = weak_beside(&weak, &found, detector.options());
-            return Ok(RoiDetections {
-                cars: found,
-                weak,
-                changed: 1.0,
-                fresh: None,
-                inspected: 1.0,
-                busy: all,
-            });
+            return Ok(RoiDetections { cars: found, weak, changed: 1.0, inspected: 1.0, busy: all });
         };
         let known = self.map.take();
         let known =
@@ -155,7 +145,6 @@ impl RoiScheduler {
             }
         };
         let changed = map.changed(&observation.small, &view, time_s);
-        let fresh = map.fresh();
         self.idle_until.resize(changed.columns * changed.rows, 0.0);
         self.frames = self.frames.saturating_add(1);
 
@@ -197,7 +186,7 @@ impl RoiScheduler {
         let mut busy = vehicles;
         changed.iter().for_each(|(column, row)| busy.insert(column, row));
         let (changed, inspected) = (changed.share(), inspected.share());
-        Ok(RoiDetections { cars, weak, changed, fresh, inspected, busy })
+        Ok(RoiDetections { cars, weak, changed, inspected, busy })
     }
 
     /// Runs the net on the parts of the picture that are due for inspection.

@@ -8,7 +8,7 @@ use roadplane_base::{
 };
 use roadplane_geo::{NotPlaced, Place, Site};
 use roadplane_measure::any_car;
-use roadplane_track::{Evidence, Join, Track};
+use roadplane_track::{ClockReader, Evidence, Join, Track};
 use roadplane_write::{FrameReader, PoseLines, RunStatus, read_jsonl};
 
 use crate::cameras::camera_track::CameraTrack;
@@ -48,6 +48,8 @@ pub struct ClipSolution {
     pub poses_used: u64,
     /// Counts of detected and rejected cars.
     pub tally: Tally,
+    /// Sd of the delays of the pictures after their time stamps, s; zero if the time stamps are right.
+    pub time_sd_s: f64,
     /// Frames in which vehicles were not followed, because the camera moved.
     pub not_followed: NotFollowed,
     /// Motion of the camera.
@@ -179,11 +181,12 @@ pub(crate) fn solve_constrained_clip(
     };
     let Given { history, most_rows, .. } = *given;
     let (constraints, site, on_frames) = in_first_picture(given.constraints, given.site, read)?;
-    let (mut load, mut follow) = (Load::default(), FollowCount::default());
+    let (mut load, mut follow, mut clock) = (Load::default(), FollowCount::default(), ClockReader::default());
     let counted = read()?.inspect(|frame| {
         if let Ok(frame) = frame {
             load.add(frame);
             follow.add(frame);
+            clock.add(frame);
         }
     });
     let mut cameras =
@@ -213,8 +216,13 @@ pub(crate) fn solve_constrained_clip(
     warnings.extend(on_constraints);
     warnings.extend(on_motion);
     let any_car = any_car(atlas, cameras.size_of_cars());
+    let clock = clock.finish();
+    if clock.sd_s() > 0.0 {
+        tracing::info!("the time stamps are wrong by {:.3} s (sd), which the tracks correct", clock.sd_s());
+    }
     let pass = Pass {
         cameras: &cameras,
+        clock: &clock,
         place: place.as_ref(),
         atlas,
         any_car,
@@ -280,6 +288,7 @@ pub(crate) fn solve_constrained_clip(
         reprojection_rms_px,
         poses_used,
         tally,
+        time_sd_s: (clock.sd_s() * 1e4).round() / 1e4,
         not_followed,
         views: motion,
         warnings,

@@ -4,7 +4,6 @@ pub(crate) mod activities;
 pub(crate) mod known;
 pub(crate) mod pass;
 pub(crate) mod poses;
-mod repeats;
 mod rows;
 mod scene;
 pub(crate) mod shared_error;

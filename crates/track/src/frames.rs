@@ -14,18 +14,20 @@ pub(crate) type BoxesByFrame = BTreeMap<usize, Vec<BoxSighting>>;
 pub(crate) struct Frames {
     /// Index and time of each frame.
     pub stamps: Vec<FrameStamp>,
-    /// Time of each frame since the first, s. So the clock at the start of a clip cannot change any digit.
+    /// Time at which each picture was taken, since the first time stamp, s. So the time stamp at the start of a clip cannot
+    /// change any digit.
     pub times_s: Vec<f64>,
     /// Whether each frame is an inference frame.
     pub looked: Vec<bool>,
 }
 
 impl Frames {
-    /// Adds a frame. Returns its index and its time since the first frame, s.
-    pub(crate) fn push(&mut self, stamp: FrameStamp, looked: bool) -> (usize, f64) {
+    /// Adds a frame that was taken `delay_s` after its time stamp. Returns its index and its time since the first time
+    /// stamp, s.
+    pub(crate) fn push(&mut self, stamp: FrameStamp, delay_s: f64, looked: bool) -> (usize, f64) {
         self.stamps.push(stamp);
         let since_first = stamp.pts_nanos.saturating_sub(self.stamps[0].pts_nanos);
-        let time_s = since_first as f64 * 1e-9;
+        let time_s = since_first as f64 * 1e-9 + delay_s;
         self.times_s.push(time_s);
         self.looked.push(looked);
         (self.stamps.len() - 1, time_s)

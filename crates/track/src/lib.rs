@@ -1,10 +1,12 @@
 //! Turns the cars of single frames, in metres on the ground, into smoothed tracks.
 //!
-//! The crate is pure mathematics: it has no I/O, no clock, no random numbers and no panics. The order of the cars in a
+//! The crate is pure mathematics: it has no I/O, no system clock, no random numbers and no panics. The order of the cars in a
 //! frame does not matter.
 //!
 //! # Stages
 //! ```text
+//! FrameRecord
+//!   → Clock             when each picture was taken                           (clock.rs, delays.rs)
 //! FrameMeasurements
 //!   → Tracker           tracklets: certain associations only, frame by frame  (expected.rs, filter.rs, tracker.rs,
 //!                                                                              raw_track.rs)
@@ -32,7 +34,9 @@
 mod box_motion;
 mod by_boxes;
 mod chain;
+mod clock;
 mod complete;
+mod delays;
 mod duplicates;
 mod existence;
 mod expected;
@@ -61,6 +65,7 @@ mod tracker;
 mod vehicle;
 mod way;
 
+pub use clock::{Clock, ClockReader};
 pub use complete::{Scene, Tracks};
 pub use existence::Evidence;
 pub use join::Join;

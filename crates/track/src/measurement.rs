@@ -136,6 +136,11 @@ pub struct BoxSighting {
 }
 
 impl BoxSighting {
+    /// Creates a sighting of a box that shows its whole vehicle.
+    pub(crate) fn uncut(bbox_px: [f64; 4], score: f64, class: VehicleClass) -> Self {
+        Self { bbox_px, score, class, cut: [false; 4], hidden: [false; 4], car: None, held: false }
+    }
+
     /// Whether the detector is certain of the box: its score is high enough to count as a vehicle.
     pub(crate) fn is_sure(&self) -> bool {
         self.car.is_some()
@@ -182,6 +187,8 @@ pub struct ExpectedVehicle {
 pub struct FrameMeasurements {
     /// Index and time of the frame.
     pub stamp: FrameStamp,
+    /// Time from the time stamp to the moment at which the picture was taken, s ([`Clock`](crate::Clock)).
+    pub delay_s: f64,
     /// Whether this is an inference frame. In any other frame only the cars that are carried over are given, and no
     /// track counts a miss.
     pub looked: bool,
@@ -200,7 +207,15 @@ impl FrameMeasurements {
     /// Creates an inference frame in which no car is carried over.
     #[must_use]
     pub fn seen(stamp: FrameStamp, cars: Vec<CarMeasurement>) -> Self {
-        Self { stamp, looked: true, cars, held: Vec::new(), seen_again: Vec::new(), boxes: Vec::new() }
+        Self {
+            stamp,
+            delay_s: 0.0,
+            looked: true,
+            cars,
+            held: Vec::new(),
+            seen_again: Vec::new(),
+            boxes: Vec::new(),
+        }
     }
 }
 

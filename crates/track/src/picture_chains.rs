@@ -15,7 +15,7 @@ use crate::{
     BoxSighting,
     box_motion::{BoxMotion, UNSEEN_S},
     expected::SURE_OVERLAP,
-    frames::{BoxesByFrame, Frames},
+    frames::BoxesByFrame,
     raw_track::RawTrack,
 };
 
@@ -67,7 +67,7 @@ impl Chain {
 }
 
 /// Returns the square root of a box's area, px.
-fn size_px([x0, y0, x1, y1]: &[f64; 4]) -> f64 {
+pub(crate) fn size_px([x0, y0, x1, y1]: &[f64; 4]) -> f64 {
     ((x1 - x0) * (y1 - y0)).sqrt()
 }
 
@@ -81,7 +81,9 @@ enum Next<'a> {
 }
 
 /// Chains boxes that follow each other in the picture, largest overlaps first. Returns the chains that have free boxes.
-pub(crate) fn chains(free: &BoxesByFrame, tracklets: &[RawTrack], frames: &Frames) -> Vec<Chain> {
+///
+/// `times_s` are the times of all frames. The next box of a chain overlaps the expected one by more than `least` (IoU).
+pub(crate) fn chains(free: &BoxesByFrame, tracklets: &[RawTrack], times_s: &[f64], least: f64) -> Vec<Chain> {
     let mut owned: BTreeMap<usize, Vec<(usize, [f64; 4])>> = BTreeMap::new();
     for (index, track) in tracklets.iter().enumerate() {
         for seen in &track.observations {
@@ -92,7 +94,7 @@ pub(crate) fn chains(free: &BoxesByFrame, tracklets: &[RawTrack], frames: &Frame
         |index: usize| tracklets[index].observations.last().map_or(f64::NEG_INFINITY, |last| last.time_s);
     let (mut open, mut done): (Vec<Chain>, Vec<Chain>) = (Vec::new(), Vec::new());
     for frame in free.keys().chain(owned.keys()).copied().collect::<BTreeSet<usize>>() {
-        let time_s = frames.times_s[frame];
+        let time_s = times_s[frame];
         let has_ended = |chain: &mut Chain| {
             chain.is_lost(time_s) && chain.tracklet.is_none_or(|index| ends(index) < time_s)
         };
@@ -101,7 +103,7 @@ pub(crate) fn chains(free: &BoxesByFrame, tracklets: &[RawTrack], frames: &Frame
         let boxes = free.get(&frame).into_iter().flatten().map(|seen| (Next::Free(seen), seen.bbox_px));
         let all: Vec<(Next<'_>, [f64; 4])> =
             own.iter().map(|(index, px)| (Next::Tracklet(*index), *px)).chain(boxes).collect();
-        continue_chains(&mut open, &all, frame, time_s);
+        continue_chains(&mut open, &all, frame, time_s, least);
     }
     done.extend(open);
     done.retain(|chain| !chain.boxes.is_empty());
@@ -109,7 +111,13 @@ pub(crate) fn chains(free: &BoxesByFrame, tracklets: &[RawTrack], frames: &Frame
 }
 
 /// Continues chains by the boxes of a frame, each by at most one, and starts chains with the others.
-fn continue_chains(open: &mut Vec<Chain>, all: &[(Next<'_>, [f64; 4])], frame: usize, time_s: f64) {
+fn continue_chains(
+    open: &mut Vec<Chain>,
+    all: &[(Next<'_>, [f64; 4])],
+    frame: usize,
+    time_s: f64,
+    least: f64,
+) {
     let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
     for (c, chain) in open.iter().enumerate() {
         let expected_px = chain.motion.at(time_s);
@@ -121,7 +129,7 @@ fn continue_chains(open: &mut Vec<Chain>, all: &[(Next<'_>, [f64; 4])], frame: u
                 (Some(_), Next::Free(_)) if chain.is_lost(time_s) => 0.0,
                 _ => bbox_iou(&expected_px, bbox_px),
             };
-            if overlap > SURE_OVERLAP {
+            if overlap > least {
                 pairs.push((overlap, c, b));
             }
         }

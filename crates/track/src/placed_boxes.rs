@@ -10,6 +10,7 @@ use roadplane_base::{Shape, VehicleClass};
 
 use crate::{
     BoxSighting, ExpectedVehicle, Placed, Scene,
+    expected::SURE_OVERLAP,
     frames::{BoxesByFrame, Frames},
     measurement::Sighting,
     picture_chains::{Chain, chains},
@@ -31,7 +32,7 @@ pub(crate) fn add_boxes(
     scene: &impl Scene,
 ) -> Vec<RawTrack> {
     let mut new = Vec::new();
-    for chain in chains(free, &tracklets, frames) {
+    for chain in chains(free, &tracklets, &frames.times_s, SURE_OVERLAP) {
         let Some(index) = chain.tracklet else {
             // A single box is no chain, and weak boxes alone are no vehicle.
             if chain.boxes.len() > 1 && chain.boxes.iter().any(|(_, seen)| seen.is_sure()) {

@@ -199,8 +199,6 @@ pub struct ChangeMap {
     nuisance: Vec<f32>,
     last_s: Option<f64>,
     pictures: u32,
-    /// Share of the cells that changed since the picture before, 0–1. `None` in the first picture.
-    fresh: Option<f64>,
 }
 
 impl ChangeMap {
@@ -227,7 +225,6 @@ impl ChangeMap {
             nuisance: vec![0.0; cells],
             last_s: None,
             pictures: 0,
-            fresh: None,
         }
     }
 
@@ -258,8 +255,7 @@ impl ChangeMap {
         let fade = self.last_s.map_or(1.0, |last| (-(time_s - last).max(0.0) / FADE_S).exp()) as f32;
         self.last_s = Some(time_s);
         self.laid = view.laid(small, &self.inspected);
-        let fresh = self.learn_noise(view);
-        self.fresh = (self.pictures > 1).then_some(fresh);
+        self.learn_noise(view);
         let (seen, now) = (&self.inspected.values, &self.laid.values);
         self.change = cell_means(seen, now, small.width, self.columns, self.rows);
         let most = MOST_NOISE * upper_median(&mut self.noise.clone(), f32::total_cmp).unwrap_or(0.0);
@@ -288,31 +284,20 @@ impl ChangeMap {
         }
     }
 
-    /// Returns the share of the cells that changed from the last picture but one to the last, 0–1. `None` if there is only
-    /// one.
-    #[must_use]
-    pub fn fresh(&self) -> Option<f64> {
-        self.fresh
-    }
-
-    /// Learns the noise of the cells that the last picture shows as a whole. Returns the share of all cells that changed
-    /// since the picture before.
-    fn learn_noise(&mut self, view: &View) -> f64 {
+    /// Learns the noise of the cells that the last picture shows as a whole.
+    fn learn_noise(&mut self, view: &View) {
         let (before, now) = (&self.before.values, &self.laid.values);
         let changes = cell_means(before, now, self.laid.width, self.columns, self.rows);
         // The estimate adapts faster in the first pictures, because it starts from a rough guess.
         let speed = if self.pictures < 20 { 8.0 } else { 1.0 };
         let (up, down) = (UP.powf(speed), DOWN.powf(speed));
         let all = self.all_cells();
-        let mut changed = 0;
         for (column, row) in all.iter().filter(|(column, row)| view.shows(&all.cell_px(*column, *row))) {
             let cell = row * self.columns + column;
             let (noise, change) = (&mut self.noise[cell], changes[cell]);
-            changed += usize::from(change > LEAST + *noise * (1.0 + self.scatter[cell]));
             *noise = (*noise * if change > *noise { up } else { down }).clamp(0.05, 40.0);
             copy_cell(&mut self.before, &self.laid, column, row);
         }
-        changed as f64 / changes.len().max(1) as f64
     }
 }
 

@@ -164,6 +164,11 @@ pub struct WatchSummary {
     /// Largest shift of the picture by camera shake, px. A shift below half a pixel counts as 0.
     #[schemars(range(min = 0))]
     pub farthest_shake_px: f64,
+    /// Sd of the difference between the time stamp of a frame and the time at which its picture was taken, s. The tracks
+    /// correct such differences. 0 if the time stamps are right, or if too few vehicles show the differences.
+    #[serde(default)]
+    #[schemars(range(min = 0))]
+    pub time_sd_s: f64,
     /// Time in which vehicles were not followed because the camera moved, s.
     #[serde(default)]
     #[schemars(range(min = 0))]
@@ -214,10 +219,6 @@ pub struct Counts {
     /// clip.
     #[serde(default)]
     pub frames_not_followed: u64,
-    /// Number of inference frames that repeat the picture before them. They are no evidence of motion, so tracks do not
-    /// use them.
-    #[serde(default)]
-    pub frames_repeated: u64,
     /// Number of detected boxes by class of vehicle.
     pub boxes: BTreeMap<String, u64>,
     /// Number of rejected cars by reason of rejection.

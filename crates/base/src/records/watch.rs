@@ -60,11 +60,6 @@ pub struct WatchRecord {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0, max = 1))]
     pub changed: Option<f64>,
-    /// Share of the picture, 0 to 1, that has changed since the last inference frame. Absent in the first frame of a view,
-    /// and without region-of-interest scheduling.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schemars(range(min = 0, max = 1))]
-    pub fresh: Option<f64>,
     /// Share of the picture on which the detector ran in this frame, 0 to 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0, max = 1))]

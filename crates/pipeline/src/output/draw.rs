@@ -231,8 +231,9 @@ fn facts_of(summary: &Summary) -> Vec<(String, String)> {
     facts.extend(summary.known.iter().map(|one| (one.what.clone(), constraint_in_words(one))));
     facts.extend(counts.boxes.iter().map(|(class, n)| (format!("boxes: {class}"), n.to_string())));
     facts.extend(counts.rejected.iter().map(|(reason, n)| (format!("left out: {reason}"), n.to_string())));
-    if counts.frames_repeated > 0 {
-        facts.push(("frames that repeat a picture".to_owned(), counts.frames_repeated.to_string()));
+    if summary.watch.time_sd_s > 0.0 {
+        let sd = format!("{:.3} s", summary.watch.time_sd_s);
+        facts.push(("sd of the time stamps".to_owned(), sd));
     }
     if counts.tracks_left_out > 0 {
         facts.push((

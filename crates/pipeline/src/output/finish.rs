@@ -188,11 +188,11 @@ pub fn note_solution(summary: &mut Summary, solution: &ClipSolution) {
     let counts = &mut summary.counts;
     counts.boxes = solution.tally.boxes.clone();
     counts.rejected = solution.tally.rejected.clone();
-    counts.frames_repeated = solution.tally.repeated_frames;
     counts.poses_used = solution.poses_used;
     counts.tracks = solution.shapes.len() as u64;
     counts.tracks_left_out = solution.tally.left_out_tracks;
     counts.track_rows = solution.row_count;
+    summary.watch.time_sd_s = solution.time_sd_s;
     summary.status = solution.status(summary.status == RunStatus::InputDamaged);
     summary.exit_code = if summary.status == RunStatus::Complete { 0 } else { 3 };
     solution.not_followed.note(summary);

@@ -9,8 +9,7 @@ use roadplane_write::Counts;
 /// Returns one sentence for each kind of loss. The list is empty if nothing was lost.
 pub(crate) fn losses_in_words(counts: &Counts, rows: &[TrackRow], options: &DecodeOptions) -> Vec<String> {
     let mut sentences = Vec::new();
-    let &Counts { frames_read, frames_lost, frames_skipped, frames_not_followed, frames_repeated, .. } =
-        counts;
+    let &Counts { frames_read, frames_lost, frames_skipped, frames_not_followed, .. } = counts;
     if frames_lost > 0 {
         sentences
             .push(format!("{frames_lost} of {} frames could not be decoded.", frames_read + frames_lost));
@@ -18,11 +17,6 @@ pub(crate) fn losses_in_words(counts: &Counts, rows: &[TrackRow], options: &Deco
     if frames_not_followed > 0 {
         sentences.push(format!(
             "Vehicles were not followed in {frames_not_followed} frames, because of the motion of the camera."
-        ));
-    }
-    if frames_repeated > 0 {
-        sentences.push(format!(
-            "{frames_repeated} frames repeat the picture before them. Tracks do not use them."
         ));
     }
     sentences.extend(left_out(options));
@@ -105,7 +99,6 @@ mod tests {
             frames_lost: 10,
             frames_skipped: 60,
             frames_not_followed: 7,
-            frames_repeated: 2,
             boxes: [("car", 400), ("truck", 135)].map(|(class, n)| (class.to_owned(), n)).into(),
             rejected: [("no_pose", 1), ("odd_one", 3)].map(|(reason, n)| (reason.to_owned(), n)).into(),
             ..Counts::default()
@@ -117,7 +110,6 @@ mod tests {
             [
                 "10 of 100 frames could not be decoded.",
                 "Vehicles were not followed in 7 frames, because of the motion of the camera.",
-                "2 frames repeat the picture before them. Tracks do not use them.",
                 "Skipped by the configuration: the time before 4 s, all but one of every 3 frames.",
                 "60 of 90 decoded frames were skipped by these settings.",
                 "135 boxes of trucks, in no track of the class: a truck has no shape model, so position, heading and size come \

@@ -49,7 +49,6 @@ pub(crate) fn detect_stage<'a>(
         if let Some(watch) = &mut work.record.watch {
             let rounded = |share: f64| Some((share * 1e4).round() / 1e4);
             (watch.changed, watch.seen) = (rounded(found.changed), rounded(found.inspected));
-            watch.fresh = found.fresh.and_then(rounded);
         }
         let is_empty = seen.record.verdict.is_blind() || seen.record.verdict == PictureVerdict::Frozen;
         if let Some(view) = seen.view.as_ref().filter(|_| !is_empty) {

@@ -11,14 +11,13 @@ use roadplane_measure::{
 };
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
 use roadplane_track::{
-    BoxSighting, CarMeasurement, FrameMeasurements, HeldCar, SeenAgain, ShapeBelief, Track, TrackOptions,
-    Tracker, Tracks,
+    BoxSighting, CarMeasurement, Clock, FrameMeasurements, HeldCar, SeenAgain, ShapeBelief, Track,
+    TrackOptions, Tracker, Tracks,
 };
 
 use crate::cameras::camera_track::CameraTrack;
 use crate::tracks::known::KnownCar;
 use crate::tracks::poses::{CarriedPoses, pose_record};
-use crate::tracks::repeats::Repeats;
 use crate::tracks::scene::SiteScene;
 use crate::tracks::stretch::TimeChunk;
 use crate::tracks::views::Views;
@@ -33,14 +32,14 @@ pub struct Tally {
     pub rejected: BTreeMap<String, u64>,
     /// Number of tracks that are left out, because they are probably no vehicles.
     pub left_out_tracks: u64,
-    /// Number of inference frames that repeat the picture before them.
-    pub repeated_frames: u64,
 }
 
 /// The input of a pass over the frames.
 pub(crate) struct Pass<'a> {
     /// Camera at every time.
     pub cameras: &'a CameraTrack,
+    /// Times at which the pictures were taken.
+    pub clock: &'a Clock,
     /// Position of the camera on the map, if given.
     pub place: Option<&'a Place>,
     /// The shape atlas.
@@ -77,8 +76,8 @@ impl Pass<'_> {
         let mut views = Views::default();
         let mut looks = CarriedPoses::default();
         let limits = self.config.solve.fit_limits();
-        for frame in Repeats::new(frames) {
-            let (frame, repeats) = frame?;
+        for frame in frames {
+            let frame = frame?;
             let own = stretch.holds(frame.time_s);
             let Some(estimate) = self.cameras.at(frame.time_s) else { continue };
             let position = self.cameras.position_at(frame.time_s);
@@ -157,7 +156,7 @@ impl Pass<'_> {
                 }
                 let Some(fit) = fit else { continue };
                 if let Some(mut pose) = pose_record(&frame, index, &fit, self.atlas) {
-                    pose.used = reason.is_none() && is_car && !repeats;
+                    pose.used = reason.is_none() && is_car;
                     looks.store(&pose);
                     if own {
                         sink(&pose)?;
@@ -166,19 +165,14 @@ impl Pass<'_> {
             }
             let pts_nanos = (frame.time_s * 1e9).round() as i64;
             let stamp = FrameStamp { index: frame.frame, pts_nanos };
-            if repeats {
-                tally.repeated_frames += u64::from(own);
-                tracker
-                    .push(&FrameMeasurements { looked: false, ..FrameMeasurements::seen(stamp, Vec::new()) });
-                continue;
-            }
+            let delay_s = self.clock.delay_s(frame.time_s);
             let looked = frame.watch.as_ref().is_none_or(|watch| watch.looked);
             if known.is_some() {
                 boxes.extend(
                     frame.weak.iter().map(|weak| self.box_sighting(&frame, weak.bbox_px, weak.score, None)),
                 );
             }
-            tracker.push(&FrameMeasurements { stamp, looked, cars, held, seen_again, boxes });
+            tracker.push(&FrameMeasurements { stamp, delay_s, looked, cars, held, seen_again, boxes });
         }
         let mut tracks = Vec::new();
         let scene = SiteScene {

@@ -1,0 +1,223 @@
+//! Estimates when the pictures of a clip were taken.
+//!
+//! Time stamps are often wrong: a network delays pictures, and a recorder repeats or drops some. In such a clip, all
+//! vehicles seem to jump and to stop at the same moments. Where their steps agree, the picture was taken earlier or later
+//! than its time stamp says.
+
+use roadplane_base::FrameRecord;
+use roadplane_measure::cut_edges;
+
+use crate::{
+    BoxSighting,
+    delays::{DelayVariance, Delays},
+    frames::BoxesByFrame,
+    picture_chains::chains,
+};
+
+/// Number of boxes that are kept until their delays are estimated. It bounds the memory of long clips.
+const MOST_BOXES: usize = 200_000;
+/// Least overlap of a vehicle's next box with the expected one (IoU). At a wrong time stamp, it may be far off.
+const LEAST_OVERLAP: f64 = 0.05;
+/// Number of times that boxes are chained again at the estimated times.
+const ROUNDS: usize = 1;
+/// Least time between two pictures, s. It keeps them in their order.
+const LEAST_S: f64 = 1e-3;
+
+/// The clock of a clip: the delay of each inference frame, as far as vehicles show it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Clock {
+    /// Time stamp and delay of each inference frame, s, in the order of time. Empty if all time stamps are right.
+    delays_s: Vec<[f64; 2]>,
+    /// Sd of the delays, s.
+    sd_s: f64,
+}
+
+impl Clock {
+    /// Returns the sd of the delays, s; zero if the time stamps are right.
+    #[must_use]
+    pub fn sd_s(&self) -> f64 {
+        self.sd_s
+    }
+
+    /// Returns the time from a time stamp (s) to the moment at which the picture was taken, s. Between inference frames,
+    /// it is interpolated.
+    #[must_use]
+    pub fn delay_s(&self, time_s: f64) -> f64 {
+        let after = self.delays_s.partition_point(|[stamp_s, _]| *stamp_s < time_s);
+        match (after.checked_sub(1).map(|i| self.delays_s[i]), self.delays_s.get(after)) {
+            (Some([from_s, before]), Some([to_s, after])) => {
+                before + (after - before) * (time_s - from_s) / (to_s - from_s)
+            }
+            (Some([_, delay_s]), None) | (None, Some(&[_, delay_s])) => delay_s,
+            (None, None) => 0.0,
+        }
+    }
+}
+
+/// Reads the frames of a clip for its [`Clock`].
+#[derive(Default)]
+pub struct ClockReader {
+    /// Time stamps of the inference frames whose delays are not estimated yet, s.
+    times_s: Vec<f64>,
+    /// Their boxes.
+    boxes: BoxesByFrame,
+    /// Number of these boxes.
+    count: usize,
+    /// Variance of the delays, from all frames so far.
+    variance: DelayVariance,
+    /// Time stamp and delay of each earlier inference frame, s.
+    delays_s: Vec<[f64; 2]>,
+}
+
+impl ClockReader {
+    /// Adds the next frame, in the order of time.
+    pub fn add(&mut self, frame: &FrameRecord) {
+        if frame.watch.as_ref().is_some_and(|watch| !watch.looked) {
+            return;
+        }
+        let picture_px = frame.picture_px();
+        let boxes: Vec<BoxSighting> = frame
+            .cars
+            .iter()
+            .filter(|car| car.held_since.is_none() && car.pose_from.is_none())
+            .filter(|car| cut_edges(&car.bbox_px, &picture_px) == [false; 4])
+            .map(|car| BoxSighting::uncut(car.bbox_px, car.score, car.class))
+            .collect();
+        self.add_boxes(frame.time_s, boxes);
+    }
+
+    /// Adds the boxes of the next inference frame.
+    fn add_boxes(&mut self, time_s: f64, boxes: Vec<BoxSighting>) {
+        self.count += boxes.len();
+        self.boxes.insert(self.times_s.len(), boxes);
+        self.times_s.push(time_s);
+        if self.count >= MOST_BOXES {
+            self.estimate();
+        }
+    }
+
+    /// Estimates the delays of the frames so far.
+    fn estimate(&mut self) {
+        let (times_s, boxes) = (std::mem::take(&mut self.times_s), std::mem::take(&mut self.boxes));
+        self.count = 0;
+        let mut delays = Delays::of(&chains(&boxes, &[], &times_s, LEAST_OVERLAP), &times_s);
+        self.variance.add(&delays);
+        let mut taken_s = times_s.clone();
+        if let Some(sd_s) = self.variance.sd_s() {
+            // At the right times, chains of boxes are longer.
+            for _ in 0..ROUNDS {
+                taken_s = in_order(&times_s, &delays.estimate(sd_s));
+                delays = Delays::of(&chains(&boxes, &[], &taken_s, LEAST_OVERLAP), &times_s);
+            }
+            taken_s = in_order(&times_s, &delays.estimate(sd_s));
+        }
+        self.delays_s
+            .extend(times_s.iter().zip(taken_s).map(|(time_s, taken_s)| [*time_s, taken_s - time_s]));
+    }
+
+    /// Returns the clock.
+    #[must_use]
+    pub fn finish(mut self) -> Clock {
+        self.estimate();
+        match self.variance.sd_s() {
+            Some(sd_s) => Clock { delays_s: self.delays_s, sd_s },
+            None => Clock::default(),
+        }
+    }
+}
+
+/// Returns the times at which pictures were taken: time stamps plus delays, s. They keep their order.
+fn in_order(times_s: &[f64], delays_s: &[f64]) -> Vec<f64> {
+    let mut last_s = f64::NEG_INFINITY;
+    let taken = times_s.iter().zip(delays_s).map(|(time_s, delay_s)| {
+        last_s = (time_s + delay_s).max(last_s + LEAST_S);
+        last_s
+    });
+    taken.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use roadplane_base::VehicleClass;
+
+    use super::*;
+
+    const INTERVAL_S: f64 = 0.1;
+
+    /// Returns numbers in −1…1 that look random.
+    fn noise(i: usize, of: usize) -> f64 {
+        let mixed = (i as u64 * 1_000_003 + of as u64 * 7919 + 12_345).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        ((mixed ^ (mixed >> 29)) >> 11) as f64 / (1_u64 << 52) as f64 - 1.0
+    }
+
+    /// Returns the boxes at a time (s) of vehicles that drive from left to right. Box errors are shares of their size.
+    fn boxes(vehicles: usize, time_s: f64, frame: usize, error: f64) -> Vec<BoxSighting> {
+        let one = |vehicle: usize| {
+            let off = |axis: usize| 90.0 * error * noise(frame, 2 * vehicle + axis);
+            let left = 50.0 + (150.0 + 20.0 * vehicle as f64) * time_s + 6.0 * time_s * time_s + off(0);
+            let top = 200.0 * vehicle as f64 + off(1);
+            BoxSighting::uncut([left, top, left + 90.0, top + 60.0], 0.8, VehicleClass::Car)
+        };
+        (0..vehicles).map(one).collect()
+    }
+
+    /// Returns the clock of 8 s in which the pictures were taken at other times than their time stamps say.
+    fn clock(vehicles: usize, error: f64, taken_s: impl Fn(usize) -> f64) -> Clock {
+        let mut reader = ClockReader::default();
+        for frame in 0..80 {
+            reader.add_boxes(frame as f64 * INTERVAL_S, boxes(vehicles, taken_s(frame), frame, error));
+        }
+        reader.finish()
+    }
+
+    #[test]
+    fn wrong_time_stamps_are_corrected() {
+        let delay_s = |frame: usize| 0.045 * noise(frame, 99);
+        let found = clock(4, 0.02, |frame| frame as f64 * INTERVAL_S + delay_s(frame));
+        let frames = 10..70;
+        let rms = |off: &dyn Fn(usize) -> f64| {
+            let mean = frames.clone().map(off).sum::<f64>() / frames.len() as f64;
+            (frames.clone().map(|i| (off(i) - mean).powi(2)).sum::<f64>() / frames.len() as f64).sqrt()
+        };
+        let before = rms(&delay_s);
+        let after = rms(&|frame| found.delay_s(frame as f64 * INTERVAL_S) - delay_s(frame));
+        assert!((found.sd_s() / before - 1.0).abs() < 0.4, "{} {before}", found.sd_s());
+        assert!(after < 0.55 * before, "{after} {before}");
+    }
+
+    #[test]
+    fn right_time_stamps_stay_as_they_are() {
+        for error in [0.0, 0.01, 0.05] {
+            let found = clock(4, error, |frame| frame as f64 * INTERVAL_S);
+            assert_eq!(found, Clock::default(), "{error}");
+            assert_eq!(found.delay_s(3.0), 0.0);
+        }
+    }
+
+    #[test]
+    fn one_vehicle_shows_no_delays() {
+        assert_eq!(clock(1, 0.01, |frame| (frame / 2 * 2) as f64 * INTERVAL_S), Clock::default());
+    }
+
+    #[test]
+    fn repeated_pictures_are_taken_at_nearly_the_same_time() {
+        let found = clock(3, 0.01, |frame| (frame / 2 * 2) as f64 * INTERVAL_S);
+        let taken_s = |frame: usize| frame as f64 * INTERVAL_S + found.delay_s(frame as f64 * INTERVAL_S);
+        for frame in (20..60).step_by(2) {
+            let (repeat, next) =
+                (taken_s(frame + 1) - taken_s(frame), taken_s(frame + 2) - taken_s(frame + 1));
+            assert!((0.0..0.4 * INTERVAL_S).contains(&repeat) && next > 1.6 * INTERVAL_S, "{repeat} {next}");
+        }
+    }
+
+    #[test]
+    fn pictures_keep_their_order_and_delays_are_interpolated() {
+        let taken = in_order(&[0.0, 0.1, 0.2], &[0.0, -0.2, 0.1]);
+        assert_eq!(taken, [0.0, LEAST_S, 0.2 + 0.1]);
+        let clock = Clock { delays_s: vec![[0.0, 0.2], [1.0, 0.4]], sd_s: 0.1 };
+        let delays = [-1.0, 0.0, 0.5, 1.0, 2.0].map(|time_s| clock.delay_s(time_s));
+        for (found, expected) in delays.into_iter().zip([0.2, 0.2, 0.3, 0.4, 0.4]) {
+            assert!((found - expected).abs() < 1e-12);
+        }
+    }
+}
