@@ -98,6 +98,31 @@ fn a_folder_in_use_is_refused_at_once() {
 }
 
 #[test]
+fn boxes_that_no_frame_takes_are_not_lost_in_silence() {
+    let folder = tempfile::tempdir().unwrap();
+    let clip = root().join("tests/data/lot.mp4");
+    let boxes = folder.path().join("boxes.jsonl");
+    let line = |frame: u64| {
+        let car = r#"{"bbox_px":[10,10,90,60],"score":0.9,"class":"car"}"#;
+        let size = r#""image_size_px":[640,360]"#;
+        format!("{{\"frame\":{frame},\"time_s\":{},{size},\"cars\":[{car}]}}\n", frame as f64 / 10.0)
+    };
+    let keypoints = |lines: String| {
+        fs::write(&boxes, lines).unwrap();
+        let mut command = roadplane();
+        command.args(["stage", "keypoints"]).arg(&clip).arg("--boxes").arg(&boxes);
+        command.args(["--set", "decode.max_frames=2", "--out"]).arg(folder.path().join("o.jsonl"));
+        command.assert()
+    };
+    let assert = keypoints(line(1) + &line(0)).code(3);
+    let said = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
+    assert!(said.contains("frame 0 comes after frame 1: sort the lines by `frame`"), "{said}");
+    let assert = keypoints(line(0) + &line(1) + &line(70) + &line(71)).code(0);
+    let said = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
+    assert!(said.contains("2 boxes belong to frames that were not read"), "{said}");
+}
+
+#[test]
 fn a_missing_file_is_an_error_of_the_command_line() {
     let out = tempfile::tempdir().unwrap();
     let clip = root().join("tests/data/lot.mp4");

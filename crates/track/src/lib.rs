@@ -14,9 +14,9 @@
 //!   → add_boxes         tracklets of all other boxes, weak and strong         (picture_chains.rs, placed_boxes.rs)
 //!   → link              all continuations, and which boxes belong to none     (link.rs, join.rs, parts.rs)
 //!   → find_runs         stationary intervals and driving intervals            (stops.rs)
+//!   → facing            heading disambiguation: which end is the front        (facing.rs)
 //!   → smooth_track      one pose per stationary interval, else a vehicle      (way.rs, start.rs, parked.rs,
 //!                       model                                                  vehicle.rs, chain.rs)
-//!   → facing            heading disambiguation: which end is the front        (facing.rs)
 //!   → Evidence          is the track a vehicle?                               (existence.rs)
 //!   → smooth_by_boxes   path and size together, where only boxes show them    (smooth_boxes.rs, by_boxes.rs)
 //!   → Track                                                                   (complete.rs)

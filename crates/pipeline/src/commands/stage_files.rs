@@ -3,6 +3,7 @@
 
 use std::io::Write as _;
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use roadplane_base::FrameRecord;
 use roadplane_write::{FrameReader, JsonLines, WriteError};
@@ -77,8 +78,8 @@ pub fn detect_file(
 }
 
 /// Finds the keypoints of vehicles in an input and writes a file of frames. The file `boxes` has the boxes of the
-/// vehicles. A frame that is missing from `boxes` is written without vehicles. Returns true if some of the input was
-/// lost or damaged.
+/// vehicles, sorted by frame. A frame that is missing from `boxes` is written without vehicles. Returns true if some of
+/// the input was lost or damaged.
 ///
 /// # Errors
 /// Returns a [`PipelineError`] if the file cannot be completed. A file `out` is then unchanged.
@@ -94,14 +95,20 @@ pub fn keypoints_file(
     let input = open_input(input, config)?;
     let mut net = open_keypoints(models, config)?;
     let cadence = Cadence::of(&input, config);
-    let mut records = FrameReader::open(boxes)?.peekable();
-    let take_boxes = move |work: &mut Work| {
-        // The input and the file of boxes are both sorted by the index of the frame.
+    let mut records = in_order(FrameReader::open(boxes)?, boxes).peekable();
+    let unused = AtomicU64::new(0);
+    let lose = |record: &FrameRecord| {
+        let count = record.cars.len() + record.weak.len();
+        unused.fetch_add(count as u64, Ordering::Relaxed);
+    };
+    let take_boxes = |work: &mut Work| {
         while let Some(record) =
             records.next_if(|r| r.as_ref().map_or(true, |r| r.frame <= work.record.frame))
         {
             let record = record?;
-            if record.frame == work.record.frame {
+            if record.frame < work.record.frame {
+                lose(&record);
+            } else {
                 work.record.watch = record.watch;
                 work.record.scene_lines = record.scene_lines;
                 work.record.scene_curves = record.scene_curves;
@@ -117,5 +124,35 @@ pub fn keypoints_file(
     let stages = vec![Stage::new("boxes", take_boxes), keypoint_stage(&mut net, cadence)];
     let streamed = stream(input, |_| true, stages, write, config, cancel, progress)?;
     sink.finish()?;
+    for record in records {
+        lose(&record?);
+    }
+    let unused = unused.into_inner();
+    if unused > 0 {
+        tracing::warn!(
+            "{unused} boxes belong to frames that were not read from the input: {}",
+            boxes.display()
+        );
+    }
     Ok(streamed.decode.is_damaged())
+}
+
+/// Returns the records of the file `path` as long as they are sorted by frame, and then an error.
+fn in_order<E>(
+    records: impl Iterator<Item = Result<FrameRecord, E>>,
+    path: &Path,
+) -> impl Iterator<Item = Result<FrameRecord, PipelineError>>
+where
+    PipelineError: From<E>,
+{
+    let mut last = None;
+    records.map(move |record| {
+        let record = record?;
+        if let Some(last) = last.replace(record.frame).filter(|last| record.frame <= *last) {
+            let frame = record.frame;
+            let what = format!("frame {frame} comes after frame {last}: sort the lines by `frame`");
+            return Err(WriteError::malformed(path, what).into());
+        }
+        Ok(record)
+    })
 }
