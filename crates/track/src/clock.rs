@@ -18,8 +18,6 @@ use crate::{
 const MOST_BOXES: usize = 200_000;
 /// Least overlap of a vehicle's next box with the expected one (IoU). At a wrong time stamp, it may be far off.
 const LEAST_OVERLAP: f64 = 0.05;
-/// Number of times that boxes are chained again at the estimated times.
-const ROUNDS: usize = 1;
 /// Least time between two pictures, s. It keeps them in their order.
 const LEAST_S: f64 = 1e-3;
 
@@ -100,17 +98,12 @@ impl ClockReader {
     fn estimate(&mut self) {
         let (times_s, boxes) = (std::mem::take(&mut self.times_s), std::mem::take(&mut self.boxes));
         self.count = 0;
-        let mut delays = Delays::of(&chains(&boxes, &[], &times_s, LEAST_OVERLAP), &times_s);
+        let delays = Delays::of(&chains(&boxes, &[], &times_s, LEAST_OVERLAP), &times_s);
         self.variance.add(&delays);
-        let mut taken_s = times_s.clone();
-        if let Some(sd_s) = self.variance.sd_s() {
-            // At the right times, chains of boxes are longer.
-            for _ in 0..ROUNDS {
-                taken_s = in_order(&times_s, &delays.estimate(sd_s));
-                delays = Delays::of(&chains(&boxes, &[], &taken_s, LEAST_OVERLAP), &times_s);
-            }
-            taken_s = in_order(&times_s, &delays.estimate(sd_s));
-        }
+        let taken_s = match self.variance.sd_s() {
+            Some(sd_s) => in_order(&times_s, &delays.estimate(sd_s)),
+            None => times_s.clone(),
+        };
         self.delays_s
             .extend(times_s.iter().zip(taken_s).map(|(time_s, taken_s)| [*time_s, taken_s - time_s]));
     }

@@ -20,8 +20,8 @@ const LEAST_STEP_SIZES: f64 = 0.15;
 const SURE: f64 = 2.5;
 /// Least number of comparable boxes that show the error of a box.
 const LEAST_BOXES: usize = 20;
-/// Sd of a box's centre along its path if fewer boxes show it, and least sd, as shares of the box's size.
-const BOX_SD: (f64, f64) = (0.02, 0.005);
+/// Least sd of a box's centre along its path, as a share of the box's size.
+const LEAST_BOX_SD: f64 = 0.005;
 /// Distance in sds at which the weight of a box is a half.
 const ROBUST_SDS: f64 = 3.0;
 /// Number of times that the weights are computed.
@@ -61,10 +61,11 @@ impl Delays {
         let mut leads: Vec<Lead> = chains.iter().flat_map(|chain| leads_of(chain, times_s)).collect();
         leads.sort_by_key(|lead| lead.frame);
         let mut errors: Vec<f64> = of_frames(&leads).flat_map(errors_of).collect();
-        let is_enough = errors.len() >= LEAST_BOXES;
+        if errors.len() < LEAST_BOXES {
+            leads.clear();
+        }
         // The median of |x| of a normal distribution is 0.6745 sds.
-        let found = median(&mut errors).filter(|_| is_enough).map(|median| median / 0.6745);
-        let box_sd = found.map_or(BOX_SD.0, |sd| sd.max(BOX_SD.1));
+        let box_sd = median(&mut errors).map_or(0.0, |median| median / 0.6745).max(LEAST_BOX_SD);
         Self { leads, frames: times_s.len(), box_sd }
     }
 
