@@ -117,6 +117,10 @@ fn boxes_that_no_frame_takes_are_not_lost_in_silence() {
     let assert = keypoints(line(1) + &line(0)).code(3);
     let said = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
     assert!(said.contains("frame 0 comes after frame 1: sort the lines by `frame`"), "{said}");
+    let assert = keypoints(line(0) + &line(1) + &line(1)).code(3);
+    let said = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
+    assert!(said.contains("frame 1 has two lines"), "{said}");
+    assert!(!folder.path().join("o.jsonl").exists());
     let assert = keypoints(line(0) + &line(1) + &line(70) + &line(71)).code(0);
     let said = String::from_utf8(assert.get_output().stderr.clone()).unwrap();
     assert!(said.contains("2 boxes belong to frames that were not read"), "{said}");

@@ -48,7 +48,7 @@ pub struct ClipSolution {
     pub poses_used: u64,
     /// Counts of detected and rejected cars.
     pub tally: Tally,
-    /// Sd of the delays of the pictures after their time stamps, s; zero if the time stamps are right.
+    /// Sd of the time from the time stamp of a frame to its picture, s; zero if the time stamps are right.
     pub time_sd_s: f64,
     /// Frames in which vehicles were not followed, because the camera moved.
     pub not_followed: NotFollowed,
@@ -218,7 +218,7 @@ pub(crate) fn solve_constrained_clip(
     let any_car = any_car(atlas, cameras.size_of_cars());
     let clock = clock.finish();
     if clock.sd_s() > 0.0 {
-        tracing::info!("the time stamps are wrong by {:.3} s (sd), which the tracks correct", clock.sd_s());
+        tracing::info!("the time stamps are wrong by {:.3} s (sd); the tracks correct this", clock.sd_s());
     }
     let pass = Pass {
         cameras: &cameras,

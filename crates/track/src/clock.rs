@@ -1,8 +1,10 @@
 //! Estimates when the pictures of a clip were taken.
 //!
 //! Time stamps are often wrong: a network delays pictures, and a recorder repeats or drops some. In such a clip, all
-//! vehicles seem to jump and to stop at the same moments. Where their steps agree, the picture was taken earlier or later
-//! than its time stamp says.
+//! vehicles seem to jump and to stop at the same moments. Where their steps agree, the picture was taken earlier or
+//! later than its time stamp says.
+
+use std::cmp::Ordering;
 
 use roadplane_base::FrameRecord;
 use roadplane_measure::cut_edges;
@@ -14,18 +16,45 @@ use crate::{
     picture_chains::chains,
 };
 
-/// Number of boxes that are kept until their delays are estimated. It bounds the memory of long clips.
-const MOST_BOXES: usize = 200_000;
 /// Least overlap of a vehicle's next box with the expected one (IoU). At a wrong time stamp, it may be far off.
 const LEAST_OVERLAP: f64 = 0.05;
-/// Least time between two pictures, s. It keeps them in their order.
-const LEAST_S: f64 = 1e-3;
+/// Least time between two pictures, as a share of the time between their time stamps. A picture that was taken sooner
+/// repeats the picture before it.
+const LEAST_SHARE: f64 = 0.2;
+/// Number of boxes and frames that are kept until their delays are estimated. It bounds the memory of long clips to
+/// about 100 MB.
+const MOST: usize = 200_000;
 
-/// The clock of a clip: the delay of each inference frame, as far as vehicles show it.
+/// When the picture of an inference frame was taken.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Picture {
+    /// Time stamp, s.
+    time_s: f64,
+    /// Time from the time stamp to the moment at which the picture was taken, s.
+    delay_s: f64,
+    /// Whether it repeats the picture of the inference frame before it.
+    repeats: bool,
+}
+
+impl Picture {
+    /// Returns a picture with this time stamp and delay (s), but not before the picture of the last inference frame.
+    fn after(last: Option<&Self>, time_s: f64, delay_s: f64) -> Self {
+        let sooner_s = last.map(|last| {
+            let least_s = LEAST_SHARE * (time_s - last.time_s).max(0.0);
+            last.time_s + last.delay_s + least_s - time_s
+        });
+        match sooner_s.filter(|sooner_s| delay_s <= *sooner_s) {
+            Some(delay_s) => Self { time_s, delay_s, repeats: true },
+            None => Self { time_s, delay_s, repeats: false },
+        }
+    }
+}
+
+/// The clock of a clip: when its pictures were taken, as far as vehicles show it.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Clock {
-    /// Time stamp and delay of each inference frame, s, in the order of time. Empty if all time stamps are right.
-    delays_s: Vec<[f64; 2]>,
+    /// Pictures of the inference frames, in the order of time. Empty if all time stamps are right.
+    pictures: Vec<Picture>,
     /// Sd of the delays, s.
     sd_s: f64,
 }
@@ -37,18 +66,26 @@ impl Clock {
         self.sd_s
     }
 
-    /// Returns the time from a time stamp (s) to the moment at which the picture was taken, s. Between inference frames,
-    /// it is interpolated.
+    /// Returns the time from a time stamp (s) to the moment at which the picture was taken, s. Between inference
+    /// frames, it is interpolated.
     #[must_use]
     pub fn delay_s(&self, time_s: f64) -> f64 {
-        let after = self.delays_s.partition_point(|[stamp_s, _]| *stamp_s < time_s);
-        match (after.checked_sub(1).map(|i| self.delays_s[i]), self.delays_s.get(after)) {
-            (Some([from_s, before]), Some([to_s, after])) => {
-                before + (after - before) * (time_s - from_s) / (to_s - from_s)
+        let next = self.pictures.partition_point(|picture| picture.time_s < time_s);
+        match (next.checked_sub(1).map(|last| self.pictures[last]), self.pictures.get(next)) {
+            (Some(from), Some(to)) => {
+                from.delay_s
+                    + (to.delay_s - from.delay_s) * (time_s - from.time_s) / (to.time_s - from.time_s)
             }
-            (Some([_, delay_s]), None) | (None, Some(&[_, delay_s])) => delay_s,
+            (Some(one), None) | (None, Some(&one)) => one.delay_s,
             (None, None) => 0.0,
         }
+    }
+
+    /// Whether the inference frame with this time stamp (s) repeats the picture before it. It is no new evidence.
+    #[must_use]
+    pub fn repeats(&self, time_s: f64) -> bool {
+        let at = self.pictures.partition_point(|picture| picture.time_s < time_s);
+        self.pictures.get(at).is_some_and(|picture| picture.time_s == time_s && picture.repeats)
     }
 }
 
@@ -59,12 +96,14 @@ pub struct ClockReader {
     times_s: Vec<f64>,
     /// Their boxes.
     boxes: BoxesByFrame,
-    /// Number of these boxes.
+    /// Number of these frames and boxes.
     count: usize,
+    /// Index of the place that the last frame shows.
+    place: Option<usize>,
     /// Variance of the delays, from all frames so far.
     variance: DelayVariance,
-    /// Time stamp and delay of each earlier inference frame, s.
-    delays_s: Vec<[f64; 2]>,
+    /// Pictures of the earlier inference frames.
+    pictures: Vec<Picture>,
 }
 
 impl ClockReader {
@@ -73,23 +112,33 @@ impl ClockReader {
         if frame.watch.as_ref().is_some_and(|watch| !watch.looked) {
             return;
         }
+        // Boxes of another place lie in another picture.
+        let place = frame.watch.as_ref().and_then(|watch| watch.place);
+        if std::mem::replace(&mut self.place, place) != place {
+            self.estimate();
+        }
         let picture_px = frame.picture_px();
-        let boxes: Vec<BoxSighting> = frame
+        let mut boxes: Vec<BoxSighting> = frame
             .cars
             .iter()
             .filter(|car| car.held_since.is_none() && car.pose_from.is_none())
             .filter(|car| cut_edges(&car.bbox_px, &picture_px) == [false; 4])
             .map(|car| BoxSighting::uncut(car.bbox_px, car.score, car.class))
             .collect();
+        // The order of the cars in a frame has no effect.
+        let key = |seen: &BoxSighting| seen.bbox_px;
+        boxes.sort_by(|a, b| key(a).partial_cmp(&key(b)).unwrap_or(Ordering::Equal));
         self.add_boxes(frame.time_s, boxes);
     }
 
     /// Adds the boxes of the next inference frame.
     fn add_boxes(&mut self, time_s: f64, boxes: Vec<BoxSighting>) {
-        self.count += boxes.len();
-        self.boxes.insert(self.times_s.len(), boxes);
+        self.count += 1 + boxes.len();
+        if !boxes.is_empty() {
+            self.boxes.insert(self.times_s.len(), boxes);
+        }
         self.times_s.push(time_s);
-        if self.count >= MOST_BOXES {
+        if self.count >= MOST {
             self.estimate();
         }
     }
@@ -100,12 +149,11 @@ impl ClockReader {
         self.count = 0;
         let delays = Delays::of(&chains(&boxes, &[], &times_s, LEAST_OVERLAP), &times_s);
         self.variance.add(&delays);
-        let taken_s = match self.variance.sd_s() {
-            Some(sd_s) => in_order(&times_s, &delays.estimate(sd_s)),
-            None => times_s.clone(),
-        };
-        self.delays_s
-            .extend(times_s.iter().zip(taken_s).map(|(time_s, taken_s)| [*time_s, taken_s - time_s]));
+        let found = self.variance.sd_s().map(|sd_s| delays.estimate(sd_s));
+        for (i, time_s) in times_s.into_iter().enumerate() {
+            let delay_s = found.as_ref().map_or(0.0, |delays| delays[i]);
+            self.pictures.push(Picture::after(self.pictures.last(), time_s, delay_s));
+        }
     }
 
     /// Returns the clock.
@@ -113,20 +161,10 @@ impl ClockReader {
     pub fn finish(mut self) -> Clock {
         self.estimate();
         match self.variance.sd_s() {
-            Some(sd_s) => Clock { delays_s: self.delays_s, sd_s },
+            Some(sd_s) => Clock { pictures: self.pictures, sd_s },
             None => Clock::default(),
         }
     }
-}
-
-/// Returns the times at which pictures were taken: time stamps plus delays, s. They keep their order.
-fn in_order(times_s: &[f64], delays_s: &[f64]) -> Vec<f64> {
-    let mut last_s = f64::NEG_INFINITY;
-    let taken = times_s.iter().zip(delays_s).map(|(time_s, delay_s)| {
-        last_s = (time_s + delay_s).max(last_s + LEAST_S);
-        last_s
-    });
-    taken.collect()
 }
 
 #[cfg(test)]
@@ -200,17 +238,36 @@ mod tests {
             let (repeat, next) =
                 (taken_s(frame + 1) - taken_s(frame), taken_s(frame + 2) - taken_s(frame + 1));
             assert!((0.0..0.4 * INTERVAL_S).contains(&repeat) && next > 1.6 * INTERVAL_S, "{repeat} {next}");
+            assert!(!found.repeats(frame as f64 * INTERVAL_S));
         }
     }
 
     #[test]
     fn pictures_keep_their_order_and_delays_are_interpolated() {
-        let taken = in_order(&[0.0, 0.1, 0.2], &[0.0, -0.2, 0.1]);
-        assert_eq!(taken, [0.0, LEAST_S, 0.2 + 0.1]);
-        let clock = Clock { delays_s: vec![[0.0, 0.2], [1.0, 0.4]], sd_s: 0.1 };
-        let delays = [-1.0, 0.0, 0.5, 1.0, 2.0].map(|time_s| clock.delay_s(time_s));
-        for (found, expected) in delays.into_iter().zip([0.2, 0.2, 0.3, 0.4, 0.4]) {
+        let mut clock = Clock { pictures: Vec::new(), sd_s: 0.1 };
+        for (time_s, delay_s) in [(0.0, 0.1), (1.0, -2.0), (2.0, -0.2)] {
+            clock.pictures.push(Picture::after(clock.pictures.last(), time_s, delay_s));
+        }
+        let delays = [-1.0, 0.0, 0.5, 1.0, 2.0, 3.0].map(|time_s| clock.delay_s(time_s));
+        for (found, expected) in delays.into_iter().zip([0.1, 0.1, -0.3, -0.7, -0.2, -0.2]) {
             assert!((found - expected).abs() < 1e-12);
         }
+        assert_eq!([0.0, 1.0, 1.5, 2.0].map(|time_s| clock.repeats(time_s)), [false, true, false, false]);
+    }
+
+    #[test]
+    fn odd_time_stamps_do_no_harm() {
+        for stamps_s in [&[][..], &[1.0], &[0.0; 40], &[1e300, -1e300, 0.0, 5.0], &[f64::MAX; 12]] {
+            let mut reader = ClockReader::default();
+            for (frame, time_s) in stamps_s.iter().enumerate() {
+                reader.add_boxes(*time_s, boxes(4, frame as f64 * INTERVAL_S, frame, 0.01));
+            }
+            assert_eq!(reader.finish(), Clock::default());
+        }
+        let mut backwards = ClockReader::default();
+        for frame in 0..80 {
+            backwards.add_boxes(-(frame as f64), boxes(4, frame as f64 * INTERVAL_S, frame, 0.01));
+        }
+        assert_eq!(backwards.finish(), Clock::default());
     }
 }

@@ -1,7 +1,7 @@
 //! Turns the cars of single frames, in metres on the ground, into smoothed tracks.
 //!
-//! The crate is pure mathematics: it has no I/O, no system clock, no random numbers and no panics. The order of the cars in a
-//! frame does not matter.
+//! The crate is pure mathematics: it has no I/O, no system clock, no random numbers and no panics. The order of the
+//! cars in a frame does not matter.
 //!
 //! # Stages
 //! ```text
@@ -28,8 +28,8 @@
 //! # Noise
 //! The covariance R of a measurement assumes independent errors of the keypoints. The true covariance is c² R, with c =
 //! [`roadplane_measure::POSE_SD_RATIO`]. It is split into two parts, `r R + max(c² − r, 1) R` (`noise.rs`). The first
-//! part is white and averages out over frames. The second part is a bias, which never averages out for a parked car. Here
-//! r is the scatter that the track shows relative to R.
+//! part is white and averages out over frames. The second part is a bias, which never averages out for a parked car.
+//! Here r is the scatter that the track shows relative to R.
 
 mod box_motion;
 mod by_boxes;

@@ -164,8 +164,8 @@ pub struct WatchSummary {
     /// Largest shift of the picture by camera shake, px. A shift below half a pixel counts as 0.
     #[schemars(range(min = 0))]
     pub farthest_shake_px: f64,
-    /// Sd of the difference between the time stamp of a frame and the time at which its picture was taken, s. The tracks
-    /// correct such differences. 0 if the time stamps are right, or if too few vehicles show the differences.
+    /// Sd of the difference between the time stamp of a frame and the time at which its picture was taken, s. The
+    /// tracks correct such differences. 0 if the time stamps are right, or if too few vehicles show the differences.
     #[serde(default)]
     #[schemars(range(min = 0))]
     pub time_sd_s: f64,
@@ -215,8 +215,8 @@ pub struct Counts {
     pub frames_lost: u64,
     /// Number of decoded frames that were not processed because of the settings.
     pub frames_skipped: u64,
-    /// Number of frames in which vehicles were not followed because the camera moved, or may have moved at the end of the
-    /// clip.
+    /// Number of frames in which vehicles were not followed because the camera moved, or may have moved at the end of
+    /// the clip.
     #[serde(default)]
     pub frames_not_followed: u64,
     /// Number of detected boxes by class of vehicle.
@@ -228,8 +228,8 @@ pub struct Counts {
     /// Number of tracks.
     pub tracks: u64,
     /// Number of tracks that were left out because they are probably no vehicles: their `exists_p` is below the setting
-    /// `track.min_exists_p`, or most of their boxes contradict their positions. Files of older versions lack this count, and
-    /// it is read as 0.
+    /// `track.min_exists_p`, or most of their boxes contradict their positions. Files of older versions lack this
+    /// count, and it is read as 0.
     #[serde(default)]
     pub tracks_left_out: u64,
     /// Number of rows in the track files.

@@ -125,7 +125,7 @@ def degrade(rng: np.random.Generator, image: np.ndarray) -> np.ndarray:
     if night:
         x = _relit(x, rng.uniform(0.2, 0.6), rng.uniform(1.2, 2.2), rng.uniform(0.6, 1.0))
         if rng.random() < 0.5:  # the camera shows all that is darker than a level as black
-            x -= rng.uniform(0, 0.6) * x.mean()
+            x = np.maximum(x - rng.uniform(0, 0.6) * x.mean(), 0)
     if rng.random() < 0.1:
         x = x.mean(2, keepdims=True).repeat(3, 2)
     x = _blurred(rng, x)

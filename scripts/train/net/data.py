@@ -55,6 +55,8 @@ class Shards:
             if limit and len(self) >= limit:
                 break
             with np.load(path) as shard:
+                if "elevation_deg" not in shard:
+                    raise ValueError(f"{path} is of an older version: render the crops again")
                 self.images.extend(shard["image"])
                 self.points.extend(shard["keypoints"])
                 self.visible.extend(shard["visible"])

@@ -36,7 +36,8 @@ def shrunk(batch: Batch, size: int) -> Batch:
     """Returns the batch at another input size."""
     if size == INPUT_PX:
         return batch
-    image = nn.functional.interpolate(batch.image.permute(0, 3, 1, 2).float(), (size, size), mode="area")
+    image = batch.image.permute(0, 3, 1, 2).float()
+    image = nn.functional.interpolate(image, (size, size), mode="bilinear", antialias=True)
     return replace(batch, image=image.permute(0, 2, 3, 1), points=(batch.points + 0.5) * (size / INPUT_PX) - 0.5)
 
 
@@ -226,6 +227,8 @@ def parse_options(arguments: list[str] | None = None) -> argparse.Namespace:
     options = parser.parse_args(arguments)
     if options.batch % options.workers:
         parser.error("--batch must be a multiple of --workers")
+    if options.workers > 1 and (options.jobs or options.device != "cpu"):
+        parser.error("--workers is for the CPU, and excludes --jobs")
     return options
 
 

@@ -123,10 +123,11 @@ pub fn keypoints_file(
     let write = |work: &Work| sink.write(&work.record);
     let stages = vec![Stage::new("boxes", take_boxes), keypoint_stage(&mut net, cadence)];
     let streamed = stream(input, |_| true, stages, write, config, cancel, progress)?;
-    sink.finish()?;
+    // A bad line after the last frame also leaves `out` unchanged.
     for record in records {
         lose(&record?);
     }
+    sink.finish()?;
     let unused = unused.into_inner();
     if unused > 0 {
         tracing::warn!(
@@ -150,7 +151,11 @@ where
         let record = record?;
         if let Some(last) = last.replace(record.frame).filter(|last| record.frame <= *last) {
             let frame = record.frame;
-            let what = format!("frame {frame} comes after frame {last}: sort the lines by `frame`");
+            let what = if frame == last {
+                format!("frame {frame} has two lines: join them")
+            } else {
+                format!("frame {frame} comes after frame {last}: sort the lines by `frame`")
+            };
             return Err(WriteError::malformed(path, what).into());
         }
         Ok(record)

@@ -233,7 +233,7 @@ fn facts_of(summary: &Summary) -> Vec<(String, String)> {
     facts.extend(counts.rejected.iter().map(|(reason, n)| (format!("left out: {reason}"), n.to_string())));
     if summary.watch.time_sd_s > 0.0 {
         let sd = format!("{:.3} s", summary.watch.time_sd_s);
-        facts.push(("sd of the time stamps".to_owned(), sd));
+        facts.push(("error of the time stamps (sd)".to_owned(), sd));
     }
     if counts.tracks_left_out > 0 {
         facts.push((
