@@ -18,8 +18,7 @@ use crate::{
 
 /// Least overlap of a vehicle's next box with the expected one (IoU). At a wrong time stamp, it may be far off.
 const LEAST_OVERLAP: f64 = 0.05;
-/// Least time between two pictures, as a share of the time between their time stamps. A picture that was taken sooner
-/// repeats the picture before it.
+/// Least time between two pictures, as a share of the time between their time stamps. It keeps their order.
 const LEAST_SHARE: f64 = 0.2;
 /// Number of boxes and frames that are kept until their delays are estimated. It bounds the memory of long clips to
 /// about 100 MB.
@@ -32,21 +31,16 @@ struct Picture {
     time_s: f64,
     /// Time from the time stamp to the moment at which the picture was taken, s.
     delay_s: f64,
-    /// Whether it repeats the picture of the inference frame before it.
-    repeats: bool,
 }
 
 impl Picture {
     /// Returns a picture with this time stamp and delay (s), but not before the picture of the last inference frame.
     fn after(last: Option<&Self>, time_s: f64, delay_s: f64) -> Self {
-        let sooner_s = last.map(|last| {
-            let least_s = LEAST_SHARE * (time_s - last.time_s).max(0.0);
-            last.time_s + last.delay_s + least_s - time_s
+        let least_s = last.map_or(f64::NEG_INFINITY, |last| {
+            let apart_s = LEAST_SHARE * (time_s - last.time_s).max(0.0);
+            last.time_s + last.delay_s + apart_s - time_s
         });
-        match sooner_s.filter(|sooner_s| delay_s <= *sooner_s) {
-            Some(delay_s) => Self { time_s, delay_s, repeats: true },
-            None => Self { time_s, delay_s, repeats: false },
-        }
+        Self { time_s, delay_s: delay_s.max(least_s) }
     }
 }
 
@@ -79,13 +73,6 @@ impl Clock {
             (Some(one), None) | (None, Some(&one)) => one.delay_s,
             (None, None) => 0.0,
         }
-    }
-
-    /// Whether the inference frame with this time stamp (s) repeats the picture before it. It is no new evidence.
-    #[must_use]
-    pub fn repeats(&self, time_s: f64) -> bool {
-        let at = self.pictures.partition_point(|picture| picture.time_s < time_s);
-        self.pictures.get(at).is_some_and(|picture| picture.time_s == time_s && picture.repeats)
     }
 }
 
@@ -238,7 +225,6 @@ mod tests {
             let (repeat, next) =
                 (taken_s(frame + 1) - taken_s(frame), taken_s(frame + 2) - taken_s(frame + 1));
             assert!((0.0..0.4 * INTERVAL_S).contains(&repeat) && next > 1.6 * INTERVAL_S, "{repeat} {next}");
-            assert!(!found.repeats(frame as f64 * INTERVAL_S));
         }
     }
 
@@ -252,7 +238,6 @@ mod tests {
         for (found, expected) in delays.into_iter().zip([0.1, 0.1, -0.3, -0.7, -0.2, -0.2]) {
             assert!((found - expected).abs() < 1e-12);
         }
-        assert_eq!([0.0, 1.0, 1.5, 2.0].map(|time_s| clock.repeats(time_s)), [false, true, false, false]);
     }
 
     #[test]

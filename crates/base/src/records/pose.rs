@@ -45,8 +45,7 @@ pub struct PoseRecord {
     /// Root mean square of the residuals of the used keypoints, px.
     #[schemars(range(min = 0))]
     pub reprojection_rms_px: f64,
-    /// Whether the tracker uses the pose. If false, the pose fits the keypoints too poorly, or the frame repeats the
-    /// picture before it.
+    /// Whether the tracker uses the pose. If false, the pose fits the keypoints too poorly.
     pub used: bool,
     /// Reference `[frame, car]` to the earlier observation from which the pose is carried over. The line of that
     /// observation contains the keypoints. Absent if the pose was measured in this frame.

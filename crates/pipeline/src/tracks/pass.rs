@@ -79,7 +79,6 @@ impl Pass<'_> {
         for frame in frames {
             let frame = frame?;
             let own = stretch.holds(frame.time_s);
-            let repeats = self.clock.repeats(frame.time_s);
             let Some(estimate) = self.cameras.at(frame.time_s) else { continue };
             let position = self.cameras.position_at(frame.time_s);
             let tracker = at_position.entry(position).or_insert_with(new);
@@ -157,7 +156,7 @@ impl Pass<'_> {
                 }
                 let Some(fit) = fit else { continue };
                 if let Some(mut pose) = pose_record(&frame, index, &fit, self.atlas) {
-                    pose.used = reason.is_none() && is_car && !repeats;
+                    pose.used = reason.is_none() && is_car;
                     looks.store(&pose);
                     if own {
                         sink(&pose)?;
@@ -167,11 +166,6 @@ impl Pass<'_> {
             let pts_nanos = (frame.time_s * 1e9).round() as i64;
             let stamp = FrameStamp { index: frame.frame, pts_nanos };
             let delay_s = self.clock.delay_s(frame.time_s);
-            if repeats {
-                let none = FrameMeasurements::seen(stamp, Vec::new());
-                tracker.push(&FrameMeasurements { delay_s, looked: false, ..none });
-                continue;
-            }
             let looked = frame.watch.as_ref().is_none_or(|watch| watch.looked);
             if known.is_some() {
                 boxes.extend(
