@@ -108,13 +108,12 @@ impl ClockReader {
         let mut boxes: Vec<BoxSighting> = frame
             .cars
             .iter()
-            .filter(|car| car.held_since.is_none() && car.pose_from.is_none())
+            .filter(|car| !car.is_carried_over())
             .filter(|car| cut_edges(&car.bbox_px, &picture_px) == [false; 4])
             .map(|car| BoxSighting::uncut(car.bbox_px, car.score, car.class))
             .collect();
         // The order of the cars in a frame has no effect.
-        let key = |seen: &BoxSighting| seen.bbox_px;
-        boxes.sort_by(|a, b| key(a).partial_cmp(&key(b)).unwrap_or(Ordering::Equal));
+        boxes.sort_by(|a, b| a.bbox_px.partial_cmp(&b.bbox_px).unwrap_or(Ordering::Equal));
         self.add_boxes(frame.time_s, boxes);
     }
 

@@ -1,9 +1,9 @@
 //! The delays of pictures that the steps of moving vehicles show.
 //!
-//! In half a second, the path of a box's centre is nearly a parabola in time. A box that is ahead of the parabola of
+//! Within a second, the path of a box's centre is nearly a parabola in time. A box that is ahead of the parabola of
 //! its neighbours in time is in a picture that was taken later, or its box has an error. Errors of boxes differ from
-//! vehicle to vehicle, but a delay is common to all of them. So the covariance of two vehicles in the same picture is
-//! the variance of the delays.
+//! vehicle to vehicle, but a delay is common to all of them. So the covariance of two vehicles in the same picture
+//! shows the variance of the delays.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 use roadplane_base::{bbox_centre, median};

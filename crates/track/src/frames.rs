@@ -33,7 +33,7 @@ impl Frames {
     }
 
     /// Returns the time from the first time stamp to this one, s.
-    fn since_first_s(&self, stamp: FrameStamp) -> f64 {
+    pub(crate) fn since_first_s(&self, stamp: FrameStamp) -> f64 {
         stamp.pts_nanos.saturating_sub(self.stamps[0].pts_nanos) as f64 * 1e-9
     }
 

@@ -119,7 +119,7 @@ impl Tracker {
     /// Takes the next frame, in the order of time. Frames without cars must be given, too.
     pub fn push(&mut self, frame: &FrameMeasurements) {
         let (index, time_s) = self.frames.push(frame.stamp, frame.delay_s, frame.looked);
-        let is_look = frame.looked && self.looks.add(time_s - frame.delay_s);
+        let is_look = frame.looked && self.looks.add(self.frames.since_first_s(frame.stamp));
         let looks = self.looks.count;
         let mut cars: Vec<&CarMeasurement> = frame.cars.iter().filter(|car| car.is_usable()).collect();
         self.rejected += frame.cars.len() - cars.len();

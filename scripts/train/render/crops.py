@@ -177,8 +177,9 @@ class Generator:
         while len(crops) < count:
             targets = real if real and rng.random() < MESH_SHARE else built
             target = targets[rng.integers(len(targets))]
-            near_edge, occluded_now = rng.random() < 0.1, rng.random() < 0.28
-            scene, camera = sampler.sample(rng, target, near_edge, occluded_now, self.hard)
+            scene, camera = sampler.sample(
+                rng, target, near_edge=rng.random() < 0.1, occluded=rng.random() < 0.28, hard=self.hard
+            )
             seen = visible_part(self.renderer, scene, camera, 0)
             if seen is None or seen.share < 0.25:
                 continue

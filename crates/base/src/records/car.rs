@@ -68,6 +68,12 @@ impl From<CarRef> for (u64, usize) {
 }
 
 impl CarRecord {
+    /// Whether its box or its pose is carried over from an earlier frame.
+    #[must_use]
+    pub fn is_carried_over(&self) -> bool {
+        self.held_since.is_some() || self.pose_from.is_some()
+    }
+
     /// Creates a car with a box and without keypoints.
     #[must_use]
     pub fn boxed(bbox_px: [f64; 4]) -> Self {

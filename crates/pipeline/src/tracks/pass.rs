@@ -109,7 +109,7 @@ impl Pass<'_> {
                     continue;
                 }
                 let seen = || self.box_sighting(&frame, record.bbox_px, record.score, Some(index));
-                if record.held_since.is_some() || record.pose_from.is_some() {
+                if record.is_carried_over() {
                     held.push(held_car(record, index));
                     if let Some(pose) = looks.line(&frame, index).filter(|_| own) {
                         sink(&pose)?;
