@@ -7,24 +7,14 @@
 //! C_mean = C · ( max(1 − r, β²) + r / n_eff ),    n_eff = n (1 − ρ) / (1 + ρ)
 //! ```
 //!
-//! Here β (`bias_share`) is the least share of the sd that counts as bias. The correlation of the scatter from one
+//! Here β ([`BIAS_SHARE`]) is the least share of the sd that counts as bias. The correlation of the scatter from one
 //! frame to the next is ρ. An `r` above 1 means that C was too small; it widens C.
 
 use nalgebra::{Matrix2, Vector2};
 use roadplane_base::{KEYPOINTS, Keypoint, KeypointSet, StudentT, median};
 
-/// One set of keypoints, combined from many.
-#[derive(Clone, Debug)]
-pub struct Combined {
-    /// Robust means of the keypoints (px) with the covariance that remains (px²).
-    pub keypoints: Box<KeypointSet>,
-    /// Ratio of the scatter over frames to the predicted covariance.
-    ///
-    /// It is 1 where all error is white and predicted correctly, near 0 where all error is bias. `None` with fewer than
-    /// three frames.
-    pub scatter_ratio: Option<f64>,
-}
-
+/// Least share β of a keypoint's sd that counts as bias, which does not average out over frames.
+const BIAS_SHARE: f64 = 0.6;
 /// Least number of frames of a keypoint for which the scatter is evaluated.
 const MIN_FRAMES: usize = 3;
 /// A keypoint that is found in a smaller share of the frames is left out.
@@ -54,9 +44,10 @@ struct Mean {
     lagged: f64,
 }
 
-/// Combines the observations of one stationary car, given in the order of time. `bias_share` is β, 0–1.
+/// Combines the observations of one stationary car, given in the order of time, to robust means of the keypoints (px)
+/// with the covariance that remains (px²).
 #[must_use]
-pub fn combine(looks: &[&KeypointSet], bias_share: f64) -> Combined {
+pub fn combine(looks: &[&KeypointSet]) -> Box<KeypointSet> {
     let means: Vec<Option<Mean>> = (0..KEYPOINTS).map(|i| mean_of(looks, i)).collect();
     let several = || means.iter().flatten().filter(|mean| mean.frames >= MIN_FRAMES);
     let frames: f64 = several().map(|m| m.frames as f64).sum();
@@ -70,14 +61,11 @@ pub fn combine(looks: &[&KeypointSet], bias_share: f64) -> Combined {
         } else {
             let ratio = (n * mean.scatter + POOLED_FRAMES * pooled) / (n + POOLED_FRAMES);
             let independent = (n * (1.0 - correlation) / (1.0 + correlation)).max(1.0);
-            (1.0 - ratio).max(bias_share * bias_share) + ratio / independent
+            (1.0 - ratio).max(BIAS_SHARE * BIAS_SHARE) + ratio / independent
         };
         Keypoint { pixel: mean.pixel, score: mean.score, covariance_px2: mean.covariance * factor }
     };
-    Combined {
-        keypoints: Box::new(std::array::from_fn(|i| means[i].as_ref().map(reduced))),
-        scatter_ratio: (frames > 0.0).then_some(pooled),
-    }
+    Box::new(std::array::from_fn(|i| means[i].as_ref().map(reduced)))
 }
 
 /// Returns the robust mean of one keypoint, with the covariance of a single observation.

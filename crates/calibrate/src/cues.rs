@@ -4,7 +4,6 @@
 //! earlier cues give, for example to find the edges that can be vertical.
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Arc;
 
 use roadplane_base::{FrameRecord, SceneLine};
 
@@ -60,9 +59,8 @@ impl SceneView {
     }
 
     /// Adds the factors of this position to other factors, by camera position.
-    pub fn add_factors(&self, factors: &mut BTreeMap<usize, Arc<[Factor]>>) {
-        let here = factors.entry(self.position).or_default();
-        *here = here.iter().cloned().chain(self.factors()).collect();
+    pub fn add_factors(&self, factors: &mut BTreeMap<usize, Vec<Factor>>) {
+        factors.entry(self.position).or_default().extend(self.factors());
     }
 }
 

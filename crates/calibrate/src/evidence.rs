@@ -3,34 +3,7 @@
 use nalgebra::Vector2;
 use roadplane_base::{FrameRecord, MoveKind, PictureVerdict, WatchRecord};
 
-use crate::{
-    LinkerOptions, MoveDetector, MoveOptions, MoveState, SegmentStart, SelectOptions, View, ViewSelector,
-    linker::Linker,
-};
-
-/// Options for cutting a clip into windows.
-#[derive(Clone, Debug)]
-pub struct EvidenceOptions {
-    /// Length of a window, s.
-    pub window_s: f64,
-    /// Options of the linker, which assigns boxes to cars; see [`LinkerOptions`].
-    pub linker: LinkerOptions,
-    /// Options of the move detector; see [`MoveOptions`].
-    pub moves: MoveOptions,
-    /// Options of the view selector; see [`SelectOptions`].
-    pub select: SelectOptions,
-}
-
-impl Default for EvidenceOptions {
-    fn default() -> Self {
-        Self {
-            window_s: 30.0,
-            linker: LinkerOptions::default(),
-            moves: MoveOptions::default(),
-            select: SelectOptions::default(),
-        }
-    }
-}
+use crate::{MoveDetector, MoveState, SegmentStart, View, ViewSelector, linker::Linker};
 
 /// The views of one time interval from one camera position.
 #[derive(Clone, Debug)]
@@ -63,8 +36,8 @@ struct Open {
 
 /// Collects evidence frame by frame. Its memory is bounded by the window's views, not by the clip's length.
 pub struct EvidenceBuilder {
-    /// Options that it was created with.
-    options: EvidenceOptions,
+    /// Length of a window, s.
+    window_s: f64,
     /// Assigns boxes to cars.
     linker: Linker,
     /// Detects camera moves from parked cars.
@@ -99,14 +72,14 @@ fn told(watch: &WatchRecord) -> MoveState {
 const MAX_PENDING: usize = 64;
 
 impl EvidenceBuilder {
-    /// Creates a builder with these options.
+    /// Creates a builder of windows of `window_s` seconds.
     #[must_use]
-    pub fn new(options: EvidenceOptions) -> Self {
+    pub fn new(window_s: f64) -> Self {
         Self {
-            linker: Linker::new(options.linker.clone()),
-            detector: MoveDetector::new(options.moves.clone()),
-            selector: ViewSelector::new(options.select.clone()),
-            options,
+            linker: Linker::default(),
+            detector: MoveDetector::default(),
+            selector: ViewSelector::default(),
+            window_s,
             pending: Vec::new(),
             open: None,
             segment: 0,
@@ -146,8 +119,7 @@ impl EvidenceBuilder {
             state => {
                 let steady = matches!(state, MoveState::Steady { .. });
                 self.settle(steady);
-                let full =
-                    self.open.as_ref().is_some_and(|o| frame.time_s - o.from_s >= self.options.window_s);
+                let full = self.open.as_ref().is_some_and(|o| frame.time_s - o.from_s >= self.window_s);
                 let window = if full { self.close() } else { None };
                 self.add(&frame, steady);
                 window

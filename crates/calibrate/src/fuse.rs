@@ -28,19 +28,18 @@ mod horizon;
 mod nodes;
 
 use std::collections::{BTreeMap, BTreeSet};
-use std::sync::Arc;
 
-use nalgebra::{Matrix4, Vector2, Vector4};
+use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{
     CameraEstimate, CameraParams, CameraPrior, CameraStatus, ImageSize, JointInformation, Lens,
     SHARED_ERRORS, SharedSd, is_determined,
 };
 
-use self::changes::{Part, explain};
+use self::changes::{Part, drift_sd, explain};
 use self::evidence::Evidence;
 pub use self::group::condense;
 use self::group::{is_usable, mean, middle_s, shares, span_s, together};
-use self::horizon::CarEvidence;
+use self::horizon::{linearised, of_horizon};
 use self::nodes::{Gaussian, Node, Step, smooth};
 use crate::factors::Factor;
 use crate::prior::FusePrior;
@@ -109,19 +108,10 @@ impl WindowEstimate {
 pub struct FuseOptions {
     /// Size of the pictures; copied to the result.
     pub image_size_px: ImageSize,
-    /// Principal point, px; copied to the result.
-    pub principal_point_px: Vector2<f64>,
     /// Whether the user gave the focal length; the prior then contains it.
     pub focal_given: bool,
     /// Prior of the camera; it is counted once.
     pub prior: FusePrior,
-    /// Drift of a mounted camera: sds of log focal length, tilt, roll and log height after 1 s. They grow with the root
-    /// of time.
-    pub drift_sd: Vector4<f64>,
-    /// Correlation between the evidence of a parked car in two windows.
-    pub parked_correlation: f64,
-    /// Correlation between the evidence of a car in two windows if the car moved between them.
-    pub moving_correlation: f64,
     /// Sds of the errors that all cars of the site share, and so all windows. The scatter of windows does not show
     /// them.
     pub shared_sd: SharedSd,
@@ -132,13 +122,11 @@ pub struct FuseOptions {
     /// Other factors on the camera, by camera position ([`WindowEstimate::segment`]). Each factor is counted once.
     ///
     /// A number that a camera move does not change is counted at the first position for which it holds.
-    pub factors: BTreeMap<usize, Arc<[Factor]>>,
+    pub factors: BTreeMap<usize, Vec<Factor>>,
     /// Sd of the log size of the site's cars relative to the atlas.
     ///
     /// All windows share this error of scale. Factors in metres determine it.
     pub size_of_cars_sd: f64,
-    /// Least gain in log likelihood for which a change or a drift of the camera is accepted.
-    pub min_gain: f64,
 }
 
 impl FuseOptions {
@@ -154,7 +142,7 @@ impl FuseOptions {
         CameraEstimate {
             span_s,
             image_size_px: self.image_size_px,
-            principal_point_px: self.principal_point_px,
+            principal_point_px: self.image_size_px.centre_px(),
             lens: self.lens,
             distortion_sd: self.bend_sd,
             params: self.prior.params,
@@ -165,24 +153,19 @@ impl FuseOptions {
         }
     }
 
-    /// Returns the defaults for pictures of this size: the default [`CameraPrior`], the principal point in the middle.
+    /// Returns the defaults for pictures of this size: the default [`CameraPrior`].
     #[must_use]
     pub fn for_image(image_size_px: ImageSize) -> Self {
         let prior = CameraPrior::default();
         Self {
             image_size_px,
-            principal_point_px: image_size_px.centre_px(),
             focal_given: false,
             prior: FusePrior { params: prior.mean(image_size_px), sd: prior.sd() },
-            drift_sd: Vector4::new(1e-4, 5e-5, 5e-5, 1e-4),
-            parked_correlation: 1.0,
-            moving_correlation: 0.3,
             shared_sd: [0.0; SHARED_ERRORS],
             lens: Lens::STRAIGHT,
             bend_sd: None,
             factors: BTreeMap::new(),
             size_of_cars_sd: 0.0,
-            min_gain: 16.0,
         }
     }
 }
@@ -236,8 +219,8 @@ pub fn join(windows: &[WindowEstimate], options: &FuseOptions) -> Joined {
 struct Piece<'a, 'w> {
     /// The windows, in the order of time.
     windows: &'a [&'w WindowEstimate],
-    /// Evidence of cars, and the camera (log f, tilt, roll, log h') that it shows.
-    cars: (CarEvidence, Vector4<f64>),
+    /// Evidence of cars on (log f, horizon, roll, log h'), and the camera (log f, tilt, roll, log h') that it shows.
+    cars: (Evidence, Vector4<f64>),
     /// Other factors.
     factors: Vec<&'a Factor>,
     /// Transition from the camera of the previous piece.
@@ -259,7 +242,7 @@ fn pieces<'a, 'w>(usable: &'a [&'w WindowEstimate], options: &'a FuseOptions) ->
         let mut start = Some(first.start);
         let is_first_segment = pieces.is_empty();
         for Part { windows: part, drift } in explain(segment, options).0 {
-            let shares = shares(part, options);
+            let shares = shares(part);
             let length = if drift.is_some() { 1 } else { part.len() };
             for (i, (windows, shares)) in part.chunks(length).zip(shares.chunks(length)).enumerate() {
                 let is_start = start.is_some();
@@ -267,7 +250,7 @@ fn pieces<'a, 'w>(usable: &'a [&'w WindowEstimate], options: &'a FuseOptions) ->
                     (Some(start), _) => step_from(start),
                     (None, Some(scale)) if i > 0 => {
                         let gap_s = (middle_s(windows) - middle_s(&part[i - 1..i])).max(0.0);
-                        Step::kept((options.drift_sd * scale).map(|sd| sd * sd * gap_s))
+                        Step::kept((drift_sd() * scale).map(|sd| sd * sd * gap_s))
                     }
                     // Only the estimates show this change, so the focal length may have changed too.
                     (None, _) => Step::fresh(),
@@ -292,13 +275,13 @@ fn evidence_of_cars(
     windows: &[&WindowEstimate],
     shares: &[f64],
     options: &FuseOptions,
-) -> (CarEvidence, Vector4<f64>) {
+) -> (Evidence, Vector4<f64>) {
     let joint = together(windows, shares, options);
     let prior = options.prior.params.to_vector();
     let camera = mean(&joint.information, &joint.vector, options).unwrap_or(prior);
     let (information, weighted) = joint.marginal(options.shared_sd);
-    CarEvidence::of(&Evidence { information, weighted }, &camera)
-        .map_or_else(|| (CarEvidence::none(), prior), |evidence| (evidence, camera))
+    of_horizon(&Evidence { information, weighted }, &camera)
+        .map_or_else(|| (Evidence::none(), prior), |evidence| (evidence, camera))
 }
 
 /// Returns the nodes with all their evidence, and the smoothed states.
@@ -313,7 +296,7 @@ fn solve(pieces: &[Piece<'_, '_>], options: &FuseOptions) -> (Vec<Node>, Vec<Gau
     for _ in 0..ROUNDS {
         nodes.clear();
         for (i, (piece, factors)) in pieces.iter().zip(&mut factors).enumerate() {
-            let cars = piece.cars.0.linearised(&at[i][0]);
+            let cars = linearised(&piece.cars.0, &at[i][0]);
             let mut node = Node { cars, metres: Evidence::none(), step: piece.step };
             // The first round has cars alone. It shows where the factors are to be linearised.
             if let Some(state) = states.get(i) {
@@ -384,7 +367,7 @@ fn estimate(
     CameraEstimate {
         span_s: span_s(group),
         image_size_px: options.image_size_px,
-        principal_point_px: options.principal_point_px,
+        principal_point_px: options.image_size_px.centre_px(),
         lens: options.lens,
         distortion_sd: options.bend_sd,
         params: CameraParams::from_vector(&params),

@@ -72,17 +72,6 @@ pub struct LensView {
     sides: [[Vec<f64>; KINDS]; SIDES],
 }
 
-/// The estimated lens and its uncertainty.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct LensFound {
-    /// The lens.
-    pub lens: Lens,
-    /// Sd of its distortion ([`Lens::distortion`], dimensionless).
-    pub bend_sd: f64,
-    /// Log Bayes factor of this lens over no distortion.
-    pub gain: f64,
-}
-
 /// Prior of the focal length before the lens is estimated: mean and sd of log focal length (px).
 pub type LogFocal = [f64; 2];
 
@@ -121,16 +110,16 @@ impl LensView {
         bends.map(|(i, bend)| of_turns(*bend) + log_sum((0..KINDS).map(|kind| of_kind(i, kind)))).collect()
     }
 
-    /// Returns the lens if the edges or the turns show one. The cars are not used.
+    /// Returns the lens and the sd of its distortion ([`Lens::distortion`], dimensionless), if the edges or the turns show
+    /// one. The cars are not used.
     #[must_use]
-    pub fn found(&self, log_focal: LogFocal) -> Option<LensFound> {
+    pub fn found(&self, log_focal: LogFocal) -> Option<(Lens, f64)> {
         if self.is_bare {
             return None;
         }
         if self.turned.is_some_and(|turned| turned.sd <= STRAIGHT_SD) {
             let [mean, sd] = self.moments(&self.prior(log_focal, STRAIGHT_SHARE))?;
-            let lens = Lens::with_distortion(mean, self.size);
-            return Some(LensFound { lens, bend_sd: sd, gain: f64::INFINITY });
+            return Some((Lens::with_distortion(mean, self.size), sd));
         }
         let bent = self.prior(log_focal, 0.0);
         let straight = self.prior(log_focal, 1.0);
@@ -145,12 +134,7 @@ impl LensView {
         // edges of the opposite side the other way. So the edges without those of any one side must not contradict the
         // lens.
         let of_rest = (0..SIDES).map(|side| gain(Some(side))).fold(f64::INFINITY, f64::min);
-        let gain = gain(None);
-        (gain > LEAST_GAIN && of_rest > 0.0).then(|| LensFound {
-            lens: Lens::with_distortion(mean, self.size),
-            bend_sd: sd,
-            gain,
-        })
+        (gain(None) > LEAST_GAIN && of_rest > 0.0).then(|| (Lens::with_distortion(mean, self.size), sd))
     }
 
     /// Returns the posterior mean and sd of the distortion, given the focal length.
@@ -297,8 +281,8 @@ mod tests {
     fn the_lens_is_found_among_bent_things() {
         for bend in [-0.25, -0.15, -0.05] {
             let found = LensView::of(&curves(bend, 90), None, SIZE).found(ANY).unwrap();
-            let off = found.lens.distortion(SIZE) - bend;
-            assert!(off.abs() < 3.0 * found.bend_sd && found.bend_sd < 0.01, "{bend}: {found:?}");
+            let off = found.0.distortion(SIZE) - bend;
+            assert!(off.abs() < 3.0 * found.1 && found.1 < 0.01, "{bend}: {found:?}");
         }
     }
 
@@ -334,8 +318,8 @@ mod tests {
     fn a_turn_shows_the_lens_more_accurately_than_the_grid() {
         let turned = TurnedLens { bend: -0.0315, sd: 0.0008 };
         let found = LensView::of(&[], Some(turned), SIZE).found(ANY).unwrap();
-        assert!((found.lens.distortion(SIZE) + 0.0315).abs() < 2e-4, "{found:?}");
-        assert!((found.bend_sd / 0.0008).ln().abs() < 0.1, "{found:?}");
+        assert!((found.0.distortion(SIZE) + 0.0315).abs() < 2e-4, "{found:?}");
+        assert!((found.1 / 0.0008).ln().abs() < 0.1, "{found:?}");
         // A small turn says less than the assumption of no distortion.
         let vague = TurnedLens { bend: -0.0315, sd: 0.03 };
         assert_eq!(LensView::of(&[], Some(vague), SIZE).found(ANY), None);

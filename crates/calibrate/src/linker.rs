@@ -6,36 +6,18 @@ use roadplane_base::{CarRecord, FrameRecord, VehicleClass, assign, bbox_centre, 
 /// Provisional identifier of a car, unique within a [`Linker`]; not the number of a track.
 pub type LinkId = u64;
 
-/// Limits on the motion of boxes between frames.
-#[derive(Clone, Debug)]
-pub struct LinkerOptions {
-    /// A moving car that is missing for longer gets a new identifier, s.
-    pub max_gap_s: f64,
-    /// A stationary car that is missing for longer gets a new identifier, s.
-    pub max_parked_gap_s: f64,
-    /// Sd of a box's centre around its prediction, in box diagonals.
-    pub centre_sd: f64,
-    /// Growth of the centre's sd where the box's velocity is estimated, diagonals per s.
-    pub known_drift: f64,
-    /// Growth of the centre's sd for a box with one or two detections, diagonals per s.
-    pub unknown_drift: f64,
-    /// Sd of the log of a box's width and height.
-    pub log_size_sd: f64,
-}
-
-impl Default for LinkerOptions {
-    fn default() -> Self {
-        Self {
-            max_gap_s: 1.0,
-            max_parked_gap_s: 30.0,
-            centre_sd: 0.06,
-            known_drift: 0.6,
-            unknown_drift: 2.5,
-            log_size_sd: 0.2,
-        }
-    }
-}
-
+/// A moving car that is missing for longer gets a new identifier, s.
+const MAX_GAP_S: f64 = 1.0;
+/// A stationary car that is missing for longer gets a new identifier, s.
+const MAX_PARKED_GAP_S: f64 = 30.0;
+/// Sd of a box's centre around its prediction, in box diagonals.
+const CENTRE_SD: f64 = 0.06;
+/// Growth of the centre's sd where the box's velocity is estimated, diagonals per s.
+const KNOWN_DRIFT: f64 = 0.6;
+/// Growth of the centre's sd for a box with one or two detections, diagonals per s.
+const UNKNOWN_DRIFT: f64 = 2.5;
+/// Sd of the log of a box's width and height.
+const LOG_SIZE_SD: f64 = 0.2;
 /// Squared normalised distance beyond which two boxes are different cars: 4 sds, squared.
 const GATE: f64 = 16.0;
 /// A box that stays within this share of its diagonal may be stationary.
@@ -82,8 +64,6 @@ impl Link {
 /// Assigns every box the identifier of its car.
 #[derive(Clone, Debug, Default)]
 pub struct Linker {
-    /// Options that it was created with.
-    options: LinkerOptions,
     /// Cars that may be detected again.
     links: Vec<Link>,
     /// Next free identifier.
@@ -91,19 +71,12 @@ pub struct Linker {
 }
 
 impl Linker {
-    /// Creates a linker with these options.
-    #[must_use]
-    pub fn new(options: LinkerOptions) -> Self {
-        Self { options, links: Vec::new(), next: 0 }
-    }
-
     /// Returns the identifiers of the next frame's cars, in the frame's order. Frames come in the order of time.
     pub fn push(&mut self, frame: &FrameRecord) -> Vec<LinkId> {
         let time_s = frame.time_s;
-        let LinkerOptions { max_gap_s, max_parked_gap_s, .. } = self.options;
         self.links.retain(|link| {
             let gap_s = time_s - link.seen_s;
-            gap_s <= if link.is_still() { max_parked_gap_s } else { max_gap_s }
+            gap_s <= if link.is_still() { MAX_PARKED_GAP_S } else { MAX_GAP_S }
         });
         // Boxes are sorted, so that their order in the frame does not matter.
         let mut order: Vec<usize> = (0..frame.cars.len()).collect();
@@ -113,7 +86,7 @@ impl Linker {
         });
         let predicted: Vec<[f64; 4]> = self.links.iter().map(|link| link.predicted(time_s)).collect();
         let pairs = assign(self.links.len(), order.len(), 1.0, |l, c| {
-            self.cost(&self.links[l], &predicted[l], time_s, &frame.cars[order[c]])
+            cost(&self.links[l], &predicted[l], time_s, &frame.cars[order[c]])
         });
         let mut names = vec![None; frame.cars.len()];
         for (link, column) in self.links.iter_mut().zip(pairs) {
@@ -150,31 +123,29 @@ impl Linker {
         });
         id
     }
+}
 
-    /// Returns the cost of assigning a box to a car: 0 for a perfect match, 1 at the gate, infinite beyond it.
-    fn cost(&self, link: &Link, predicted: &[f64; 4], time_s: f64, car: &CarRecord) -> f64 {
-        let options = &self.options;
-        let gap_s = (time_s - link.seen_s).clamp(0.0, 1.0);
-        let drift = match (link.is_still(), link.seen) {
-            (true, _) => 0.2 * options.known_drift,
-            (false, 0..=2) => options.unknown_drift,
-            (false, _) => options.known_drift,
-        };
-        let diagonal = (diagonal_px(predicted) * diagonal_px(&car.bbox_px)).sqrt();
-        let centre_sd = options.centre_sd + drift * gap_s;
-        let away =
-            (bbox_centre(predicted) - bbox_centre(&car.bbox_px)).norm() / (diagonal * centre_sd).max(1e-9);
-        let (w0, h0) = size_px(predicted);
-        let (w1, h1) = size_px(&car.bbox_px);
-        let grown = ((w1 / w0).ln().powi(2) + (h1 / h0).ln().powi(2)) / options.log_size_sd.powi(2);
-        let other_class = if link.class == car.class { 0.0 } else { 2.0 };
-        let distance = (away * away + grown + other_class) / GATE;
-        // Overlap decides between neighbours that are both within the gate.
-        if distance < 1.0 {
-            0.7 * distance + 0.3 * (1.0 - bbox_iou(predicted, &car.bbox_px))
-        } else {
-            f64::INFINITY
-        }
+/// Returns the cost of assigning a box to a car: 0 for a perfect match, 1 at the gate, infinite beyond it.
+fn cost(link: &Link, predicted: &[f64; 4], time_s: f64, car: &CarRecord) -> f64 {
+    let gap_s = (time_s - link.seen_s).clamp(0.0, 1.0);
+    let drift = match (link.is_still(), link.seen) {
+        (true, _) => 0.2 * KNOWN_DRIFT,
+        (false, 0..=2) => UNKNOWN_DRIFT,
+        (false, _) => KNOWN_DRIFT,
+    };
+    let diagonal = (diagonal_px(predicted) * diagonal_px(&car.bbox_px)).sqrt();
+    let centre_sd = CENTRE_SD + drift * gap_s;
+    let away = (bbox_centre(predicted) - bbox_centre(&car.bbox_px)).norm() / (diagonal * centre_sd).max(1e-9);
+    let (w0, h0) = size_px(predicted);
+    let (w1, h1) = size_px(&car.bbox_px);
+    let grown = ((w1 / w0).ln().powi(2) + (h1 / h0).ln().powi(2)) / LOG_SIZE_SD.powi(2);
+    let other_class = if link.class == car.class { 0.0 } else { 2.0 };
+    let distance = (away * away + grown + other_class) / GATE;
+    // Overlap decides between neighbours that are both within the gate.
+    if distance < 1.0 {
+        0.7 * distance + 0.3 * (1.0 - bbox_iou(predicted, &car.bbox_px))
+    } else {
+        f64::INFINITY
     }
 }
 

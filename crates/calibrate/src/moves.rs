@@ -36,27 +36,16 @@ pub enum MoveState {
     Moved(SegmentStart),
 }
 
-/// Criteria for a camera move.
-#[derive(Clone, Debug)]
-pub struct MoveOptions {
-    /// Least number of parked cars for a verdict.
-    pub min_cars: usize,
-    /// Least common shift of a move, px.
-    pub min_shift_px: f64,
-    /// Least common shift of a move, as a share of the boxes' diagonal.
-    pub min_shift: f64,
-    /// Least number of frames that a move must last.
-    pub confirm_frames: usize,
-    /// Least time that a move must last, s.
-    pub confirm_s: f64,
-}
-
-impl Default for MoveOptions {
-    fn default() -> Self {
-        Self { min_cars: 3, min_shift_px: 3.0, min_shift: 0.04, confirm_frames: 4, confirm_s: 0.3 }
-    }
-}
-
+/// Least number of parked cars for a verdict.
+const MIN_CARS: usize = 3;
+/// Least common shift of a move, px.
+const MIN_SHIFT_PX: f64 = 3.0;
+/// Least common shift of a move, as a share of the boxes' diagonal.
+const MIN_SHIFT: f64 = 0.04;
+/// Least number of frames that a move must last.
+const CONFIRM_FRAMES: usize = 4;
+/// Least time that a move must last, s.
+const CONFIRM_S: f64 = 0.3;
 /// Largest distance of a box's centre from a reference that it matches, as a share of the reference's diagonal.
 const NEAR: f64 = 0.25;
 /// Largest difference of log size between a box and a reference that it matches.
@@ -99,8 +88,6 @@ type Spot = (Vector2<f64>, f64);
 /// Monitors the parked cars, frame by frame.
 #[derive(Clone, Debug, Default)]
 pub struct MoveDetector {
-    /// Options that it was created with.
-    options: MoveOptions,
     /// Boxes of earlier frames that may be parked cars.
     references: Vec<Reference>,
     /// Number of suspect frames since the suspicion began; 0 without a suspicion.
@@ -110,12 +97,6 @@ pub struct MoveDetector {
 }
 
 impl MoveDetector {
-    /// Creates a detector with these options.
-    #[must_use]
-    pub fn new(options: MoveOptions) -> Self {
-        Self { options, ..Self::default() }
-    }
-
     /// Takes the next frame, in the order of time, and returns its verdict.
     pub fn push(&mut self, frame: &FrameRecord) -> MoveState {
         let mut spots: Vec<Spot> = frame
@@ -150,9 +131,7 @@ impl MoveDetector {
             self.suspect_since_s = time_s;
         }
         self.suspect_frames += 1;
-        if self.suspect_frames < self.options.confirm_frames
-            || time_s - self.suspect_since_s < self.options.confirm_s
-        {
+        if self.suspect_frames < CONFIRM_FRAMES || time_s - self.suspect_since_s < CONFIRM_S {
             return MoveState::Suspect;
         }
         self.suspect_frames = 0;
@@ -164,7 +143,7 @@ impl MoveDetector {
     /// Returns the verdict of this frame alone.
     fn verdict(&self, spots: &[Spot]) -> MoveState {
         let proven: Vec<&Reference> = self.references.iter().filter(|r| r.is_proven()).collect();
-        let enough = self.options.min_cars.max(1);
+        let enough = MIN_CARS;
         if proven.len() < enough || spots.is_empty() {
             return MoveState::Unknown;
         }
@@ -211,7 +190,7 @@ impl MoveDetector {
         let mut lengths: Vec<f64> = stayed.iter().map(|(a, _)| (fit.apply(a) - a).norm()).collect();
         let typical = median(&mut lengths).unwrap_or(0.0);
         let explained = stayed.iter().filter(|(a, b)| (fit.apply(a) - b).norm() < 0.5 * typical).count();
-        let needed = self.options.min_shift_px.max(self.options.min_shift * diagonal);
+        let needed = MIN_SHIFT_PX.max(MIN_SHIFT * diagonal);
         if typical > needed && 4 * explained >= 3 * stayed.len() {
             return MoveState::Moved(SegmentStart::Moved { log_scale: fit.log_scale() });
         }

@@ -7,7 +7,7 @@ use roadplane_base::{CarRecord, FrameRecord, ImageSize, KeypointSet, VehicleClas
 use crate::{
     LinkId,
     remember::SAME_BAY,
-    stretch::{Look, Stretch, StretchView},
+    stretch::{Look, Stretch},
 };
 
 /// One view of one car, as the joint solve reads it. Views with the same `link` share one shape.
@@ -26,43 +26,20 @@ pub struct View {
     pub weight: f64,
     /// Whether the car was stationary.
     pub parked: bool,
-    /// Indices of the frames that were used, in order; a sample where there are very many.
-    pub frames: Vec<u64>,
 }
 
-/// Requirements on views, and how many views are taken.
-#[derive(Clone, Debug)]
-pub struct SelectOptions {
-    /// Largest number of views in a window.
-    pub max_views: usize,
-    /// Beyond this number of views, only views of certain cars are taken: those found in many frames.
-    pub enough_views: usize,
-    /// Largest number of views of one car in a window.
-    pub max_views_per_car: usize,
-    /// Least length of the box's longer side, px.
-    pub min_side_px: f64,
-    /// Least sum of the keypoints' scores.
-    pub min_keypoints: f64,
-    /// Share of a keypoint's sd that counts as bias, which does not average out over frames.
-    pub bias_share: f64,
-    /// Correlation of the keypoint bias between two views of a moving car.
-    pub view_correlation: f64,
-}
-
-impl Default for SelectOptions {
-    fn default() -> Self {
-        Self {
-            max_views: 400,
-            enough_views: 60,
-            max_views_per_car: 6,
-            min_side_px: 30.0,
-            min_keypoints: 6.0,
-            bias_share: 0.6,
-            view_correlation: 0.25,
-        }
-    }
-}
-
+/// Largest number of views in a window.
+const MAX_VIEWS: usize = 400;
+/// Beyond this number of views, only views of certain cars are taken: those found in many frames.
+const ENOUGH_VIEWS: usize = 60;
+/// Largest number of views of one car in a window.
+const MAX_VIEWS_PER_CAR: usize = 6;
+/// Least length of the box's longer side, px.
+const MIN_SIDE_PX: f64 = 30.0;
+/// Least sum of the keypoints' scores.
+const MIN_KEYPOINTS: f64 = 6.0;
+/// Correlation of the keypoint bias between two views of a moving car.
+const VIEW_CORRELATION: f64 = 0.25;
 /// Length of the longer side above which more pixels do not make a view better, px.
 const FULL_SIDE_PX: f64 = 150.0;
 /// Least number of frames of a certain car. Views of other cars come last, and only until there are enough views.
@@ -76,8 +53,10 @@ const GRID: f64 = 4.0;
 struct Candidate {
     /// Identifier of the car.
     link: LinkId,
-    /// The view.
-    view: StretchView,
+    /// The observation; its keypoints are combined over many frames where the car was stationary.
+    look: Look,
+    /// Whether the car was stationary.
+    parked: bool,
     /// Grid cell (column, row) of the box's centre.
     cell: (u8, u8),
 }
@@ -85,14 +64,16 @@ struct Candidate {
 impl Candidate {
     /// Whether two views show the same place.
     fn is_in_place_of(&self, other: &Self) -> bool {
-        bbox_iou(&self.view.look.bbox_px, &other.view.look.bbox_px) >= SAME_BAY
+        bbox_iou(&self.look.bbox_px, &other.look.bbox_px) >= SAME_BAY
     }
 }
 
 /// Collects the views of a window.
 pub struct ViewSelector {
-    /// Options that it was created with.
-    options: SelectOptions,
+    /// Largest number of views in a window.
+    max_views: usize,
+    /// Number of views beyond which only views of certain cars are taken.
+    enough_views: usize,
     /// Views that are not complete yet, by car.
     open: BTreeMap<LinkId, Stretch>,
     /// Complete views of the current window.
@@ -105,12 +86,19 @@ pub struct ViewSelector {
     image: Option<ImageSize>,
 }
 
+impl Default for ViewSelector {
+    fn default() -> Self {
+        Self::new(MAX_VIEWS, ENOUGH_VIEWS)
+    }
+}
+
 impl ViewSelector {
-    /// Creates a selector with these options.
+    /// Creates a selector of at most `max_views` views. Beyond `enough_views`, it takes only cars found in many frames.
     #[must_use]
-    pub fn new(options: SelectOptions) -> Self {
+    pub fn new(max_views: usize, enough_views: usize) -> Self {
         Self {
-            options,
+            max_views,
+            enough_views,
             open: BTreeMap::new(),
             candidates: Vec::new(),
             moved: BTreeSet::new(),
@@ -136,8 +124,8 @@ impl ViewSelector {
             }
         }
         // Only the best candidates can be chosen, so the others are dropped.
-        if self.candidates.len() > 4 * self.options.max_views {
-            let kept = 2 * self.options.max_views;
+        if self.candidates.len() > 4 * self.max_views {
+            let kept = 2 * self.max_views;
             self.candidates = self.best(kept, kept);
         }
     }
@@ -147,7 +135,7 @@ impl ViewSelector {
         for (link, stretch) in std::mem::take(&mut self.open) {
             self.close(link, &stretch);
         }
-        let chosen = self.best(self.options.max_views, self.options.enough_views);
+        let chosen = self.best(self.max_views, self.enough_views);
         self.candidates.clear();
         self.moved.clear();
         self.seen.clear();
@@ -157,18 +145,17 @@ impl ViewSelector {
         }
         let weight = |link: LinkId| {
             let views = of_link.get(&link).copied().unwrap_or(1.0);
-            1.0 / (1.0 + (views - 1.0) * self.options.view_correlation)
+            1.0 / (1.0 + (views - 1.0) * VIEW_CORRELATION)
         };
         chosen
             .into_iter()
-            .map(|Candidate { link, view, .. }| View {
+            .map(|Candidate { link, look, parked, .. }| View {
                 link,
-                keypoints: view.look.keypoints,
-                bbox_px: view.look.bbox_px,
-                picture_px: view.look.picture_px,
+                keypoints: look.keypoints,
+                bbox_px: look.bbox_px,
+                picture_px: look.picture_px,
                 weight: weight(link),
-                parked: view.parked,
-                frames: view.frames,
+                parked,
             })
             .collect()
     }
@@ -178,10 +165,7 @@ impl ViewSelector {
         let keypoints = car.keypoints.as_ref()?;
         let seen: f64 = keypoints.iter().flatten().map(|point| point.score).sum();
         let side = car.longer_side_px();
-        if car.class != VehicleClass::Car
-            || side < self.options.min_side_px
-            || seen < self.options.min_keypoints
-        {
+        if car.class != VehicleClass::Car || side < MIN_SIDE_PX || seen < MIN_KEYPOINTS {
             return None;
         }
         let [x0, y0, x1, y1] = car.bbox_px;
@@ -200,13 +184,13 @@ impl ViewSelector {
 
     /// Completes a view and adds it to the candidates.
     fn close(&mut self, link: LinkId, stretch: &Stretch) {
-        let Some(view) = stretch.view(self.options.bias_share) else { return };
+        let Some((look, parked)) = stretch.view() else { return };
         let cell = self.image.map_or((0, 0), |size| {
-            let centre = bbox_centre(&view.look.bbox_px);
+            let centre = bbox_centre(&look.bbox_px);
             let step = |x: f64, side: u32| (GRID * x / f64::from(side)).clamp(0.0, GRID - 1.0) as u8;
             (step(centre.x, size.width), step(centre.y, size.height))
         });
-        self.candidates.push(Candidate { link, view, cell });
+        self.candidates.push(Candidate { link, look, parked, cell });
     }
 
     /// Returns the `count` best candidates, chosen one after another.
@@ -215,7 +199,7 @@ impl ViewSelector {
     /// after all others, and only while fewer than `enough` views are chosen.
     fn best(&mut self, count: usize, enough: usize) -> Vec<Candidate> {
         let mut left = std::mem::take(&mut self.candidates);
-        left.sort_by_key(|c| (c.link, c.view.look.frame));
+        left.sort_by_key(|c| (c.link, c.look.frame));
         let mut chosen: Vec<Candidate> = Vec::new();
         let mut of_car: BTreeMap<LinkId, usize> = BTreeMap::new();
         let mut of_cell: BTreeMap<(u8, u8), usize> = BTreeMap::new();
@@ -225,9 +209,9 @@ impl ViewSelector {
                 let same_cell = of_cell.get(&c.cell).copied().unwrap_or(0);
                 let seen = self.seen[&c.link].min(SURELY_A_CAR);
                 let sure = seen == SURELY_A_CAR;
-                let allowed = same_car < self.options.max_views_per_car && (sure || chosen.len() < enough);
+                let allowed = same_car < MAX_VIEWS_PER_CAR && (sure || chosen.len() < enough);
                 let crowded = (1 + same_car) as f64 * (1.0 + 0.3 * same_cell as f64);
-                allowed.then(|| (sure, seen as f64 * c.view.look.quality / crowded))
+                allowed.then(|| (sure, seen as f64 * c.look.quality / crowded))
             };
             let ranked = left.iter().enumerate().filter_map(|(i, c)| Some((i, worth(c)?)));
             // Of equal candidates the first by car and frame is chosen.

@@ -30,16 +30,6 @@ pub(crate) struct Stretch {
     seen: u64,
 }
 
-/// The view that a `Stretch` yields.
-pub(crate) struct StretchView {
-    /// The best observation; its keypoints are combined over `frames` where the car was stationary.
-    pub look: Look,
-    /// Indices of the frames that were used.
-    pub frames: Vec<u64>,
-    /// Whether the car was stationary.
-    pub parked: bool,
-}
-
 /// Largest number of observations that are kept.
 const MAX_LOOKS: usize = 64;
 /// Largest distance of a stationary car's box from the median position, as a share of the longer side of its first box.
@@ -84,10 +74,9 @@ impl Stretch {
         self.seen += 1;
     }
 
-    /// Returns the combined stationary observations if they are the majority; otherwise the best single observation.
-    ///
-    /// `bias_share` is the least share of a keypoint's sd that counts as bias, 0–1.
-    pub(crate) fn view(&self, bias_share: f64) -> Option<StretchView> {
+    /// Returns the best observation, and whether the car was stationary. Then its keypoints are combined over all
+    /// stationary observations; they are the majority.
+    pub(crate) fn view(&self) -> Option<(Look, bool)> {
         let axis = |axis: usize| {
             median(&mut self.looks.iter().map(|l| bbox_centre(&l.bbox_px)[axis]).collect::<Vec<_>>())
         };
@@ -103,13 +92,9 @@ impl Stretch {
                 .map(|l| (*l).clone())
         };
         if still.len() < 3 || 2 * still.len() < self.looks.len() {
-            let look = best(&self.looks.iter().collect::<Vec<_>>())?;
-            return Some(StretchView { frames: vec![look.frame], look, parked: false });
+            return Some((best(&self.looks.iter().collect::<Vec<_>>())?, false));
         }
         let sets: Vec<&KeypointSet> = still.iter().map(|look| look.keypoints.as_ref()).collect();
-        let combined = combine(&sets, bias_share);
-        let look = Look { keypoints: combined.keypoints, ..best(&still)? };
-        let frames = still.iter().map(|look| look.frame).collect();
-        Some(StretchView { look, frames, parked: true })
+        Some((Look { keypoints: combine(&sets), ..best(&still)? }, true))
     }
 }

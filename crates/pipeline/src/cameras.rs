@@ -12,6 +12,5 @@ pub(crate) mod krtd;
 pub(crate) mod lens;
 pub(crate) mod memory;
 pub(crate) mod optics;
-mod population;
 mod remembered;
 mod window;

@@ -62,7 +62,7 @@ impl ClipSolution {
     /// Returns a text for the log about the clip's first camera: focal length, height and tilt, with their sds.
     #[must_use]
     pub fn camera_in_words(&self) -> String {
-        let Some(first) = self.cameras.estimates().first() else { return "no camera".to_owned() };
+        let Some(first) = self.cameras.estimates.first() else { return "no camera".to_owned() };
         let focal_px = first.params.focal_px();
         let sd = |i: usize| first.covariance[(i, i)].max(0.0).sqrt();
         let height_m = first.params.log_height.exp();
@@ -202,7 +202,7 @@ pub(crate) fn solve_constrained_clip(
         tracing::info!("{fit}");
         warnings.extend(fit.warnings.iter().cloned());
     }
-    let contradictions = cameras.constraints().iter().filter_map(contradiction);
+    let contradictions = cameras.known.iter().filter_map(contradiction);
     let on_constraints: Vec<String> = on_frames
         .into_iter()
         .chain(contradictions)
@@ -215,7 +215,7 @@ pub(crate) fn solve_constrained_clip(
     on_map.iter().chain(&on_constraints).for_each(|warning| tracing::warn!("{warning}"));
     warnings.extend(on_constraints);
     warnings.extend(on_motion);
-    let any_car = any_car(atlas, cameras.size_of_cars());
+    let any_car = any_car(atlas, cameras.size_of_cars);
     let clock = clock.finish();
     if clock.sd_s() > 0.0 {
         tracing::info!("the time stamps are wrong by {:.3} s (sd); the tracks correct this", clock.sd_s());
@@ -332,12 +332,12 @@ fn warnings_of(cameras: &CameraTrack) -> Vec<String> {
         }
         CameraStatus::Estimated | CameraStatus::FocalGiven => None,
     };
-    for warning in cameras.estimates().iter().filter_map(about) {
+    for warning in cameras.estimates.iter().filter_map(about) {
         if !warnings.iter().any(|other| other == warning) {
             warnings.push(warning.to_owned());
         }
     }
-    if cameras.estimates().is_empty() {
+    if cameras.estimates.is_empty() {
         warnings.push("no frame could be read".to_owned());
     }
     warnings

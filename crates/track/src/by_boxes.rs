@@ -13,7 +13,7 @@ use roadplane_base::{FrameStamp, GroundPose, VehicleClass, upper_median};
 use roadplane_measure::{EDGE_SD_PX, EDGE_SD_SHARE, Edge, LEAST_M, OUTLINE_SD, OUTWARD, REACH};
 
 use crate::{
-    Scene, TrackOptions,
+    Scene,
     chain::Blocks,
     measurement::{Sighting, Size},
     vehicle::{Node, State, Vehicle, origin},
@@ -121,8 +121,8 @@ pub(crate) struct ByBoxes<'a, S> {
     pub body: &'a Body,
     /// Scene that projects the body into the picture.
     pub scene: &'a S,
-    /// Settings of the vehicle model.
-    pub options: &'a TrackOptions,
+    /// Distance from the rear axle to the vehicle's origin, m.
+    pub half_wheelbase_m: f64,
 }
 
 /// The solution of the least-squares problem.
@@ -206,7 +206,7 @@ impl<S: Scene> ByBoxes<'_, S> {
         let (mut seen, mut all) = (0.0, 0.0);
         for (state, look) in states.iter().zip(self.looks) {
             let Some(look) = look else { continue };
-            let pose = origin(state, self.options.half_wheelbase_m).0;
+            let pose = origin(state, self.half_wheelbase_m).0;
             let inside = look.inside(&self.body_px(look, &pose, shared)?, 1.0);
             let is_own = |(edge, by): (&Edge, &f64)| edge.is_own(*by) || edge.is_hidden();
             all += look.count;
@@ -217,7 +217,7 @@ impl<S: Scene> ByBoxes<'_, S> {
 
     /// Returns the motion model of the nodes.
     fn vehicle(&self) -> Vehicle<'_> {
-        Vehicle { nodes: self.nodes, options: self.options }
+        Vehicle { nodes: self.nodes, half_wheelbase_m: self.half_wheelbase_m }
     }
 
     /// Returns mean and precision of the prior of the shared unknowns.
@@ -237,7 +237,7 @@ impl<S: Scene> ByBoxes<'_, S> {
         let mut total = self.vehicle().cost(states) + 0.5 * off.dot(&(precision * off));
         for (state, look) in states.iter().zip(self.looks) {
             let Some(look) = look else { continue };
-            let pose = origin(state, self.options.half_wheelbase_m).0;
+            let pose = origin(state, self.half_wheelbase_m).0;
             let inside = look.inside(&self.body_px(look, &pose, shared)?, ease);
             total +=
                 look.edges.iter().zip(&inside).map(|(edge, by)| edge.cost_and_weight(*by).0).sum::<f64>();
@@ -264,7 +264,7 @@ impl<S: Scene> ByBoxes<'_, S> {
         };
         for (i, (state, look)) in states.iter().zip(self.looks).enumerate() {
             let Some(look) = look else { continue };
-            let (pose, by_state) = origin(state, self.options.half_wheelbase_m);
+            let (pose, by_state) = origin(state, self.half_wheelbase_m);
             let inside = |pose: &_, shared: &_| Some(look.inside(&self.body_px(look, pose, shared)?, ease));
             let here = inside(&pose, shared)?;
             let weights = Vector4::from_fn(|i, _| look.edges[i].cost_and_weight(here[i]).1);

@@ -9,6 +9,7 @@ use crate::{
     BoxSighting, Evidence, ExpectedVehicle, Join, Placed, Track, TrackOptions, TrackState,
     by_boxes::Body,
     duplicates::{merge_duplicates, merge_smoothed},
+    expected::COAST_S,
     frames::{BoxesByFrame, Frames},
     link::link,
     measurement::{Sighting, Size},
@@ -17,6 +18,8 @@ use crate::{
     raw_track::{Link, RawTrack},
     smooth::smooth_track,
     smooth_boxes::smooth_by_boxes,
+    tracker::CONFIRM_HITS,
+    vehicle::HALF_WHEELBASE_M,
 };
 
 /// Log odds that boxes without a tracklet are a vehicle, beyond their evidence: most such boxes are none. Chosen on 25
@@ -77,7 +80,7 @@ pub(crate) fn complete(
     options: &TrackOptions,
     scene: &impl Scene,
 ) -> Tracks {
-    let least = options.min_observed.min(frames.looks().div_ceil(2));
+    let least = options.min_observed.min(frames.looks.div_ceil(2));
     let mut completion = Completion { frames, options, scene, least, left_out: Vec::new() };
     let mut tracklets = completion.merged(tracklets);
     if options.steps.boxes && !free.is_empty() {
@@ -153,27 +156,13 @@ impl<S: Scene> Completion<'_, S> {
             let evidence = self.evidence(raw, |seen| Some(seen.pose.xy()))?;
             Some(evidence.log_odds() + BOXED_LOG_ODDS)
         };
-        link(tracklets, log_odds, self.options.max_hidden_s)
+        link(tracklets, log_odds)
     }
 
     /// Returns the smoothed states of a track.
     fn smooth(&self, track: &RawTrack) -> Vec<TrackState> {
         let Frames { stamps, times_s, .. } = self.frames;
-        smooth_track(&track.observations, stamps, times_s, &self.options_of(track))
-    }
-
-    /// Returns the settings for a vehicle of this size. The wheels of all vehicles turn by the same angles, which makes a
-    /// long vehicle's path less curved.
-    fn options_of(&self, track: &RawTrack) -> TrackOptions {
-        let mut options = self.options.clone();
-        if let Some(dims_m) = track.dims_m() {
-            let half_wheelbase_m = HALF_WHEELBASE * dims_m.x;
-            let bend = options.half_wheelbase_m / half_wheelbase_m;
-            options.curvature_sd *= bend;
-            options.curvature_change *= bend;
-            options.half_wheelbase_m = half_wheelbase_m;
-        }
-        options
+        smooth_track(&track.observations, stamps, times_s, half_wheelbase_m(track))
     }
 
     /// Collects what shows whether a track is a vehicle; `None` without a detection. `at` returns its position at a
@@ -188,7 +177,7 @@ impl<S: Scene> Completion<'_, S> {
     /// Smooths tracks, and judges which ones are vehicles. Tracks without enough detections are dropped.
     fn judged(&self, mut tracks: Vec<RawTrack>) -> Vec<Judged> {
         tracks.retain(|raw| {
-            let is_certain = !raw.is_boxed || raw.certain >= self.options.confirm_hits;
+            let is_certain = !raw.is_boxed || raw.certain >= CONFIRM_HITS;
             raw.observations.len() >= self.least && is_certain
         });
         let smoothed = if self.options.steps.merge {
@@ -226,7 +215,7 @@ impl<S: Scene> Completion<'_, S> {
         let join = |link: &Link| {
             let to = raw.observations.partition_point(|seen| seen.frame < link.frame);
             let (from, to) = raw.observations.get(to.checked_sub(1)?).zip(raw.observations.get(to))?;
-            let is_gap = to.time_s - from.time_s > self.options.max_coast_s;
+            let is_gap = to.time_s - from.time_s > COAST_S;
             is_gap.then(|| Join { from: stamp(from), to: stamp(to), log_odds: link.log_odds })
         };
         raw.links.iter().filter_map(join).collect()
@@ -242,7 +231,7 @@ impl<S: Scene> Completion<'_, S> {
         let by_boxes = size.and_then(|size| {
             let body = Body { class, known: size, start_m: dims_m.unwrap_or(size.dims_m) };
             let Frames { stamps, times_s, .. } = self.frames;
-            smooth_by_boxes(&raw.observations, stamps, times_s, &self.options_of(&raw), &body, self.scene)
+            smooth_by_boxes(&raw.observations, stamps, times_s, half_wheelbase_m(&raw), &body, self.scene)
         });
         match by_boxes {
             Some((states, size)) => Track {
@@ -254,6 +243,11 @@ impl<S: Scene> Completion<'_, S> {
             None => track,
         }
     }
+}
+
+/// Returns the distance from the rear axle to the origin of a track's vehicle, m.
+fn half_wheelbase_m(track: &RawTrack) -> f64 {
+    track.dims_m().map_or(HALF_WHEELBASE_M, |dims_m| HALF_WHEELBASE * dims_m.x)
 }
 
 /// Removes the boxes that tracks have already.

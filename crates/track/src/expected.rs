@@ -3,12 +3,16 @@
 use roadplane_base::{bbox_iou, bbox_part_seen};
 
 use crate::{
-    TrackOptions,
     box_motion::{BoxMotion, UNSEEN_S},
-    filter::Filter,
+    filter::{Filter, GATE},
     measurement::Sighting,
 };
 
+/// Longest time for which a driving vehicle is followed without a detection, s. After a longer gap only the joint linking
+/// of tracklets (`link.rs`) can find it again.
+pub(crate) const COAST_S: f64 = 0.4;
+/// Longest time for which a vehicle may be hidden, s.
+pub(crate) const HIDDEN_S: f64 = 60.0;
 /// Cost above which it is more probable that the vehicle is not detected. Pose and overlap contribute up to 0.5 each.
 pub(crate) const ALONE: f64 = 0.9;
 /// Least overlap (IoU) of a stationary car's box with the box of a detection.
@@ -43,9 +47,9 @@ impl Expected {
         }
     }
 
-    /// Adds a detection. `gate` is the squared distance beyond which its pose counts less.
-    pub(crate) fn add(&mut self, sighting: &Sighting, gate: f64) {
-        self.filter.update(&sighting.pose, &sighting.covariance, sighting.time_s, gate);
+    /// Adds a detection.
+    pub(crate) fn add(&mut self, sighting: &Sighting) {
+        self.filter.update(&sighting.pose, &sighting.covariance, sighting.time_s);
         let (known_px, seen_px, goes_on) = (self.rest_px, sighting.bbox_px, sighting.goes_on());
         self.rest_px = std::array::from_fn(|i| {
             let (known, seen) = (known_px[i], seen_px[i]);
@@ -76,8 +80,8 @@ impl Expected {
     }
 
     /// Whether the vehicle was undetected for so long that another may be there.
-    pub(crate) fn is_lost(&self, time_s: f64, options: &TrackOptions) -> bool {
-        let coast_s = if self.filter.is_still() { options.max_parked_coast_s } else { options.max_coast_s };
+    pub(crate) fn is_lost(&self, time_s: f64) -> bool {
+        let coast_s = if self.filter.is_still() { HIDDEN_S } else { COAST_S };
         self.unseen_s(time_s) > coast_s
     }
 
@@ -90,11 +94,11 @@ impl Expected {
     }
 
     /// Returns the cost of a detection: 0 for a perfect match, [`ALONE`] and above for none.
-    pub(crate) fn cost(&self, sighting: &Sighting, gate: f64) -> f64 {
+    pub(crate) fn cost(&self, sighting: &Sighting) -> f64 {
         let distance = self.filter.distance(&sighting.pose, &sighting.covariance, sighting.time_s);
-        let near = (distance / gate).min(1.0);
+        let near = (distance / GATE).min(1.0);
         let Some(expected) = self.box_px(sighting.time_s) else {
-            return if distance < gate { 0.25 + 0.65 * near } else { f64::INFINITY };
+            return if distance < GATE { 0.25 + 0.65 * near } else { f64::INFINITY };
         };
         let (is_still, plain) = (self.filter.is_still(), bbox_iou(&expected, &sighting.bbox_px));
         let overlap = if is_still {
@@ -112,7 +116,7 @@ impl Expected {
             return f64::INFINITY;
         }
         // A detection with a vague position is near to everything.
-        let is_near = distance < gate && (spread < VAGUE_M || overlap > TOUCHING);
+        let is_near = distance < GATE && (spread < VAGUE_M || overlap > TOUCHING);
         if is_near || overlap > SURE_OVERLAP { 0.5 * near + 0.5 * (1.0 - overlap) } else { f64::INFINITY }
     }
 
@@ -142,7 +146,6 @@ mod tests {
             car: Some(0),
             held: false,
             from_box: false,
-            lacks_keypoints: false,
             cut: [false; 4],
             hidden: [false, true, true, false],
             fit_rms_share: None,
@@ -153,11 +156,9 @@ mod tests {
     fn a_sliver_in_a_standing_cars_box_is_the_cars_only_at_its_place() {
         const WHOLE: [f64; 4] = [100.0, 200.0, 150.0, 230.0];
         const SLIVER: [f64; 4] = [100.0, 215.0, 118.0, 232.0];
-        const GATE: f64 = 16.0;
         let mut car = Expected::new(&sighting(90.0, 0.3, WHOLE, 0.0));
-        (1..30).for_each(|i| car.add(&sighting(90.0, 0.3, WHOLE, 0.1 * f64::from(i)), GATE));
-        let cost =
-            |y_m: f64, sd_m: f64, bbox_px: [f64; 4]| car.cost(&sighting(y_m, sd_m, bbox_px, 3.0), GATE);
+        (1..30).for_each(|i| car.add(&sighting(90.0, 0.3, WHOLE, 0.1 * f64::from(i))));
+        let cost = |y_m: f64, sd_m: f64, bbox_px: [f64; 4]| car.cost(&sighting(y_m, sd_m, bbox_px, 3.0));
         // These cost little: half of the car, wherever its keypoints seem to be, and slivers near its position, within
         // their uncertainty. A sliver of another vehicle that passes in front costs much.
         assert!(cost(84.0, 2.0, [100.0, 200.0, 125.0, 230.0]) < ALONE);

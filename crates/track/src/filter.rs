@@ -22,6 +22,8 @@ const STILL_POWER: f64 = 4e-4;
 pub(crate) const STILL_M: f64 = 0.5;
 /// Time within `STILL_M` after which a car counts as stationary, s.
 const STILL_S: f64 = 1.0;
+/// Squared Mahalanobis distance of (x, y, heading) up to which a measurement may belong to a track, without unit.
+pub(crate) const GATE: f64 = 20.0;
 
 /// The filter of one car, after its last detection.
 #[derive(Clone, Debug)]
@@ -105,18 +107,18 @@ impl Filter {
         }
     }
 
-    /// Updates the state with a measurement. One that lies beyond `gate` was matched by its box and counts less, as its
+    /// Updates the state with a measurement. One that lies beyond [`GATE`] was matched by its box and counts less, as its
     /// pose must be bad.
-    pub(crate) fn update(&mut self, pose: &Vector3<f64>, covariance: &Matrix3<f64>, time_s: f64, gate: f64) {
+    pub(crate) fn update(&mut self, pose: &Vector3<f64>, covariance: &Matrix3<f64>, time_s: f64) {
         let distance = self.distance(pose, covariance, time_s);
-        let widened = (distance / gate).clamp(1.0, 1e6);
+        let widened = (distance / GATE).clamp(1.0, 1e6);
         let noise = position_part(covariance) * widened;
         let still = self.is_still() && {
             let standing = self.standing(time_s);
             let away = pose.xy() - standing.state.xy();
             let spread = standing.covariance.fixed_view::<2, 2>(0, 0) + noise;
             time_s - self.time_s > UNSEEN_S
-                || spread.try_inverse().is_some_and(|s| away.dot(&(s * away)) < gate)
+                || spread.try_inverse().is_some_and(|s| away.dot(&(s * away)) < GATE)
         };
         let Prediction { state, covariance: p, axis_variance } =
             if still { self.standing(time_s) } else { self.driving(time_s) };

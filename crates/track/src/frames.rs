@@ -4,7 +4,11 @@ use std::collections::BTreeMap;
 
 use roadplane_base::FrameStamp;
 
-use crate::{BoxSighting, looks::Looks};
+use crate::BoxSighting;
+
+/// Least time between two inference frames that both count, s. A closer one adds nothing: the detector repeats its misses
+/// and false alarms.
+const APART_S: f64 = 0.075;
 
 /// Boxes by the index of their frame.
 pub(crate) type BoxesByFrame = BTreeMap<usize, Vec<BoxSighting>>;
@@ -19,27 +23,47 @@ pub(crate) struct Frames {
     pub times_s: Vec<f64>,
     /// Whether each frame is an inference frame.
     pub looked: Vec<bool>,
+    /// Number of inference frames that are far enough apart in time ([`APART_S`]).
+    pub looks: usize,
+    /// Time of the last of these inference frames, s.
+    last_look_s: Option<f64>,
 }
 
 impl Frames {
-    /// Adds a frame that was taken `delay_s` after its time stamp. Returns its index and its time since the first time
-    /// stamp, s.
-    pub(crate) fn push(&mut self, stamp: FrameStamp, delay_s: f64, looked: bool) -> (usize, f64) {
+    /// Adds a frame that was taken `delay_s` after its time stamp. `looked`: whether it is an inference frame. Returns its
+    /// index, its time since the first time stamp (s), and whether it counts as a look.
+    pub(crate) fn push(&mut self, stamp: FrameStamp, delay_s: f64, looked: bool) -> (usize, f64, bool) {
         self.stamps.push(stamp);
-        let time_s = self.since_first_s(stamp) + delay_s;
-        self.times_s.push(time_s);
+        let stamped_s = self.since_first_s(stamp);
+        self.times_s.push(stamped_s + delay_s);
         self.looked.push(looked);
-        (self.stamps.len() - 1, time_s)
+        let is_look = looked && self.last_look_s.is_none_or(|last_s| stamped_s - last_s >= APART_S);
+        if is_look {
+            (self.looks, self.last_look_s) = (self.looks + 1, Some(stamped_s));
+        }
+        (self.stamps.len() - 1, stamped_s + delay_s, is_look)
     }
 
     /// Returns the time from the first time stamp to this one, s.
-    pub(crate) fn since_first_s(&self, stamp: FrameStamp) -> f64 {
+    fn since_first_s(&self, stamp: FrameStamp) -> f64 {
         stamp.pts_nanos.saturating_sub(self.stamps[0].pts_nanos) as f64 * 1e-9
     }
+}
 
-    /// Returns the number of inference frames that are far enough apart in time.
-    pub(crate) fn looks(&self) -> usize {
-        let looked = self.stamps.iter().zip(&self.looked).filter(|(_, looked)| **looked);
-        Looks::of(looked.map(|(stamp, _)| self.since_first_s(*stamp))).count
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn looks_count_about_ten_times_a_second_at_most() {
+        let looks = |fps: u32| {
+            let mut frames = Frames::default();
+            for i in 0..10 * fps {
+                let pts_nanos = i64::from(i) * 1_000_000_000 / i64::from(fps);
+                frames.push(FrameStamp { index: u64::from(i), pts_nanos }, 0.0, true);
+            }
+            frames.looks
+        };
+        assert_eq!([10, 12, 5, 30, 25].map(looks), [100, 120, 50, 100, 125]);
     }
 }

@@ -45,7 +45,6 @@ mod filter;
 mod frames;
 mod join;
 mod link;
-mod looks;
 mod measurement;
 mod noise;
 mod numbers;

@@ -29,6 +29,7 @@ use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 use roadplane_base::{assign, fold_axis, upper_median};
 
 use crate::{
+    expected::HIDDEN_S,
     filter::{SPEED_SD, STANDING_SPEED_SD, STILL_M},
     measurement::Sighting,
     numbers::sigmoid,
@@ -65,12 +66,11 @@ const TURNED_SIZE_SD: f64 = 0.5;
 /// each other, but hardly with motorcycles.
 const PRIOR_VOTES: [f64; VOTES] = [0.5, 0.5, 0.5, 0.0];
 
-/// Joins tracklets into tracks. Gaps of up to `horizon_s` are bridged, s. `log_odds` returns the log odds that a tracklet
+/// Joins tracklets into tracks. Gaps of up to [`HIDDEN_S`] are bridged. `log_odds` returns the log odds that a tracklet
 /// is a vehicle; `None` for a tracklet that is one beyond doubt.
 pub(crate) fn link(
     mut tracklets: Vec<RawTrack>,
     log_odds: impl Fn(&RawTrack) -> Option<f64>,
-    horizon_s: f64,
 ) -> Vec<RawTrack> {
     tracklets.retain(|track| !track.observations.is_empty());
     let starts: Vec<End> = tracklets.iter().map(|track| End::of(track, false)).collect();
@@ -83,7 +83,7 @@ pub(crate) fn link(
     for (i, end) in ends.iter().enumerate() {
         for (j, start) in starts.iter().enumerate().filter(|(j, _)| *j != i) {
             let gap_s = start.time_s - end.time_s;
-            if gap_s <= 0.0 || gap_s > horizon_s {
+            if gap_s <= 0.0 || gap_s > HIDDEN_S {
                 continue;
             }
             let gain = gain(end, start, gap_s, arrivals.rate(&starts, i, j));

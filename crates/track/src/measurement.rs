@@ -240,8 +240,6 @@ pub(crate) struct Sighting {
     pub held: bool,
     /// Whether the pose comes from the box: it has an axis, but no front.
     pub from_box: bool,
-    /// Whether it is classed as a car but has no car's keypoints.
-    pub lacks_keypoints: bool,
     /// Edges (left, top, right, bottom) at which the picture cuts the vehicle off.
     pub cut: [bool; 4],
     /// Edges (left, top, right, bottom) at which another vehicle begins.
@@ -271,7 +269,6 @@ impl Sighting {
             car: seen.car,
             held: false,
             from_box: true,
-            lacks_keypoints: false,
             cut: seen.cut,
             hidden: seen.hidden,
             fit_rms_share: None,
@@ -307,8 +304,6 @@ pub struct TrackState {
     pub stamp: FrameStamp,
     /// Whether the vehicle was detected in this frame. Otherwise the state is filled in.
     pub observed: bool,
-    /// Whether the detection is carried over, as nothing changed there since an earlier inference frame.
-    pub held: bool,
     /// Smoothed pose on the ground.
     pub pose: GroundPose,
     /// Sd of x, y (m) and heading (rad).
@@ -323,6 +318,4 @@ pub struct TrackState {
     pub score: f64,
     /// Index of the car in its frame's list, where it was detected. `None` where a weak box is the detection.
     pub car: Option<usize>,
-    /// Whether the detection is classed as a car but has no car's keypoints.
-    pub lacks_keypoints: bool,
 }

@@ -11,6 +11,7 @@ pub const FEATURES: usize = 7;
 pub const JOIN_FEATURES: usize = 3;
 
 /// Weights of the logistic models.
+#[derive(Default, Deserialize)]
 pub(crate) struct Numbers {
     /// Weights of the features of existence.
     pub existence: SVector<f64, FEATURES>,
@@ -18,25 +19,9 @@ pub(crate) struct Numbers {
     pub same_vehicle: SVector<f64, JOIN_FEATURES>,
 }
 
-/// The file's content.
-#[derive(Default, Deserialize)]
-struct File {
-    /// One weight for each feature of existence.
-    existence: Vec<f64>,
-    /// One weight for each feature of a join.
-    same_vehicle: Vec<f64>,
-}
-
 /// The numbers of the file that is a part of the program. A test checks it.
-pub(crate) static NUMBERS: LazyLock<Numbers> = LazyLock::new(|| {
-    let file: File = serde_json::from_str(include_str!("../../../models/tracks.json")).unwrap_or_default();
-    Numbers { existence: vector(&file.existence), same_vehicle: vector(&file.same_vehicle) }
-});
-
-/// Returns the weights as a vector of this size; zeros if the file has another number of weights.
-fn vector<const SIZE: usize>(weights: &[f64]) -> SVector<f64, SIZE> {
-    if weights.len() == SIZE { SVector::from_column_slice(weights) } else { SVector::zeros() }
-}
+pub(crate) static NUMBERS: LazyLock<Numbers> =
+    LazyLock::new(|| serde_json::from_str(include_str!("../../../models/tracks.json")).unwrap_or_default());
 
 /// Returns the probability with these log odds, 0–1.
 pub(crate) fn sigmoid(log_odds: f64) -> f64 {

@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Matrix5, Vector3};
 use roadplane_base::{FrameStamp, GroundPose, wrap_angle};
 
 use crate::{
-    TrackOptions, TrackState,
+    TrackState,
     measurement::Sighting,
     vehicle::{State, origin},
     way::{Place, Way},
@@ -17,10 +17,10 @@ pub(crate) fn smooth_track(
     sightings: &[Sighting],
     stamps: &[FrameStamp],
     times_s: &[f64],
-    options: &TrackOptions,
+    half_wheelbase_m: f64,
 ) -> Vec<TrackState> {
-    let Some(way) = Way::by_poses(sightings, times_s, options) else { return Vec::new() };
-    way.states(sightings, stamps, options, |place| place.bias(sightings, way.noise))
+    let Some(way) = Way::by_poses(sightings, times_s, half_wheelbase_m) else { return Vec::new() };
+    way.states(sightings, stamps, half_wheelbase_m, |place| place.bias(sightings, way.noise))
 }
 
 impl Way {
@@ -30,12 +30,12 @@ impl Way {
         &self,
         sightings: &[Sighting],
         stamps: &[FrameStamp],
-        options: &TrackOptions,
+        half_wheelbase_m: f64,
         bias: impl Fn(&Place) -> Matrix3<f64>,
     ) -> Vec<TrackState> {
         let mut result = Vec::new();
         for ((place, state), covariance) in self.places.iter().zip(&self.nodes).zip(&self.covariances) {
-            let mut smoothed = Smoothed::new(place, state, covariance, &bias(place), options);
+            let mut smoothed = Smoothed::new(place, state, covariance, &bias(place), half_wheelbase_m);
             if !self.facing.known {
                 // Either end may be the front.
                 smoothed.pose_sd.z = smoothed.pose_sd.z.hypot(FRAC_PI_2);
@@ -70,9 +70,9 @@ impl Smoothed {
         state: &State,
         covariance: &Matrix5<f64>,
         bias: &Matrix3<f64>,
-        options: &TrackOptions,
+        half_wheelbase_m: f64,
     ) -> Self {
-        let (pose, jacobian) = origin(state, options.half_wheelbase_m);
+        let (pose, jacobian) = origin(state, half_wheelbase_m);
         let white = jacobian * covariance * jacobian.transpose();
         let total: Matrix3<f64> = white + bias;
         let standing = place.stand.is_some();
@@ -89,7 +89,6 @@ impl Smoothed {
         TrackState {
             stamp,
             observed: seen.is_some(),
-            held: seen.is_some_and(|o| o.held),
             pose: self.pose,
             pose_sd: self.pose_sd,
             speed_mps: self.speed_mps,
@@ -97,7 +96,6 @@ impl Smoothed {
             bbox_px: seen.map(|o| o.bbox_px),
             score: seen.map_or(0.0, |o| o.score),
             car: seen.and_then(|o| o.car),
-            lacks_keypoints: seen.is_some_and(|o| o.lacks_keypoints),
         }
     }
 }

@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{FrameStamp, VehicleClass};
 
 use crate::{
-    Scene, TrackOptions, TrackState,
+    Scene, TrackState,
     by_boxes::{Body, ByBoxes, Look},
     measurement::{Sighting, Size},
     parked::stand,
@@ -23,7 +23,7 @@ pub(crate) fn smooth_by_boxes(
     sightings: &[Sighting],
     stamps: &[FrameStamp],
     times_s: &[f64],
-    options: &TrackOptions,
+    half_wheelbase_m: f64,
     body: &Body,
     scene: &impl Scene,
 ) -> Option<(Vec<TrackState>, Size)> {
@@ -32,7 +32,7 @@ pub(crate) fn smooth_by_boxes(
     if !sightings.iter().any(by_box) {
         return None;
     }
-    let by_poses = Way::by_poses(sightings, times_s, options)
+    let by_poses = Way::by_poses(sightings, times_s, half_wheelbase_m)
         .filter(|way| way.facing.drove || sightings.iter().any(by_pose))?;
     let solve = |before: &Way, moving: &[bool], start_m: Vector3<f64>| {
         let mut places = places(sightings, times_s, &runs(moving));
@@ -63,7 +63,8 @@ pub(crate) fn smooth_by_boxes(
         let start =
             places.iter().map(|place| before.state_at(place.span_s[0])).collect::<Option<Vec<_>>>()?;
         let body = Body { start_m, ..*body };
-        let solved = ByBoxes { nodes: &nodes, looks: &looks, body: &body, scene, options }.solve(start)?;
+        let solved =
+            ByBoxes { nodes: &nodes, looks: &looks, body: &body, scene, half_wheelbase_m }.solve(start)?;
         let way = Way { places, nodes: solved.states, covariances: solved.covariances, ..*before };
         Some((way, solved.size))
     };
@@ -77,7 +78,7 @@ pub(crate) fn smooth_by_boxes(
     }
     close_gaps(&mut moving, sightings, MIN_STAND_S);
     let (way, size) = solve(&drive, &moving, size.dims_m)?;
-    let states = way.states(sightings, stamps, options, |place| {
+    let states = way.states(sightings, stamps, half_wheelbase_m, |place| {
         let is_measured = sightings[place.sightings.clone()].iter().any(by_pose);
         if is_measured { place.bias(sightings, way.noise) } else { Matrix3::zeros() }
     });

@@ -4,7 +4,6 @@ use nalgebra::Vector3;
 use roadplane_base::fold_axis;
 
 use crate::{
-    TrackOptions,
     facing::{Facing, facing},
     measurement::Sighting,
     parked::Stand,
@@ -17,11 +16,7 @@ const WAY_S: f64 = 0.5;
 
 /// Returns the states to start from, and the disambiguated heading. Positions are the detected ones, slightly averaged.
 /// The axis comes from motion where there is some, else from keypoints. The front comes from both.
-pub(crate) fn start(
-    sightings: &[Sighting],
-    places: &[Place],
-    options: &TrackOptions,
-) -> (Vec<State>, Facing) {
+pub(crate) fn start(sightings: &[Sighting], places: &[Place], half_wheelbase_m: f64) -> (Vec<State>, Facing) {
     let averaged: Vec<Vector3<f64>> = (0..sightings.len())
         .map(|i| {
             let near = &sightings[i.saturating_sub(2)..(i + 3).min(sightings.len())];
@@ -41,7 +36,7 @@ pub(crate) fn start(
         .iter()
         .map(|place| {
             let (pose, speed) = interpolated(sightings, &centres, &axes, place, turn);
-            state_at(&pose, speed, options.half_wheelbase_m)
+            state_at(&pose, speed, half_wheelbase_m)
         })
         .collect();
     (states, facing)

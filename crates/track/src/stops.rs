@@ -7,7 +7,7 @@ use std::ops::Range;
 use nalgebra::Vector2;
 use roadplane_base::{bbox_centre, upper_median};
 
-use crate::{TrackOptions, measurement::Sighting};
+use crate::measurement::Sighting;
 
 /// Consecutive detections, all driving or all stationary.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -18,6 +18,8 @@ pub(crate) struct Run {
     pub parked: bool,
 }
 
+/// Least motion over about one second that distinguishes a driving car from a parked one, m.
+const MIN_MOTION_M: f64 = 0.4;
 /// Half of the time over which motion is measured, s.
 const HALF_S: f64 = 0.5;
 /// Least number of detections from which motion is measured. Where a car is rarely detected, a longer time is taken, so
@@ -29,18 +31,18 @@ const SIGNIFICANT: f64 = 3.0;
 pub(crate) const MIN_STAND_S: f64 = 1.0;
 
 /// Divides a track's detections, in the order of time. A track without noticeable motion is one stationary interval.
-pub(crate) fn find_runs(sightings: &[Sighting], options: &TrackOptions) -> Vec<Run> {
+pub(crate) fn find_runs(sightings: &[Sighting]) -> Vec<Run> {
     let n = sightings.len();
     if n == 0 {
         return Vec::new();
     }
-    let moves_at = |i| moves(window(sightings, i), options.min_motion_m);
+    let moves_at = |i| moves(window(sightings, i), MIN_MOTION_M);
     let mut moving: Vec<bool> = (0..n).map(moves_at).collect();
     close_gaps(&mut moving, sightings, MIN_STAND_S);
     // A stationary interval that creeps as a whole is slow driving.
     for run in runs(&moving).into_iter().filter(|run| run.parked) {
         let part = &sightings[run.sightings.clone()];
-        if seconds(part) > 3.0 && moves(part, 1.5 * options.min_motion_m) {
+        if seconds(part) > 3.0 && moves(part, 1.5 * MIN_MOTION_M) {
             moving[run.sightings].fill(true);
         }
     }

@@ -8,11 +8,19 @@ use crate::{
     complete::complete,
     expected::{ALONE, Expected, SURE_OVERLAP},
     frames::{BoxesByFrame, Frames},
-    looks::Looks,
     measurement::Sighting,
     raw_track::{RawTrack, same_car},
     shape::ShapeSum,
 };
+
+/// Number of detections that confirm a new track, within its first [`CONFIRM_FRAMES`] inference frames.
+pub(crate) const CONFIRM_HITS: usize = 3;
+/// Number of inference frames within which a new track must be confirmed.
+pub(crate) const CONFIRM_FRAMES: usize = 5;
+/// Least sd of a measured position, m: no measurement is better than this.
+const LEAST_SD_M: f64 = 0.02;
+/// Least sd of a measured heading, rad: no measurement is better than this.
+const LEAST_HEADING_SD_RAD: f64 = 0.005;
 
 /// A track that may continue.
 #[derive(Clone, Debug)]
@@ -51,7 +59,7 @@ impl Live {
 
     /// Whether it was detected often enough not to be a false alarm.
     fn is_confirmed(&self, options: &TrackOptions) -> bool {
-        self.known || !options.steps.confirm || self.raw.observations.len() >= options.confirm_hits
+        self.known || !options.steps.confirm || self.raw.observations.len() >= CONFIRM_HITS
     }
 
     /// Adds a detection that is carried over: the car is in the position of its last measurement.
@@ -64,10 +72,10 @@ impl Live {
         self.missed = 0;
     }
 
-    /// Adds a measurement. `gate` is the squared distance beyond which its pose counts less.
-    fn add(&mut self, car: &CarMeasurement, observation: Sighting, look: CarRef, gate: f64) {
+    /// Adds a measurement.
+    fn add(&mut self, car: &CarMeasurement, observation: Sighting, look: CarRef) {
         self.look = look;
-        self.expected.add(&observation, gate);
+        self.expected.add(&observation);
         if !car.from_box {
             self.raw.shape.add(car, self.expected.filter.position(), self.expected.filter.axis());
         }
@@ -83,16 +91,12 @@ pub struct Tracker {
     options: TrackOptions,
     /// Frames so far.
     frames: Frames,
-    /// Count of the inference frames.
-    looks: Looks,
     /// Tracks that may continue.
     live: Vec<Live>,
     /// Tracks that have ended.
     ended: Vec<RawTrack>,
     /// All boxes, by frame.
     boxes: BoxesByFrame,
-    /// Number of unusable measurements.
-    rejected: usize,
 }
 
 impl Tracker {
@@ -102,27 +106,17 @@ impl Tracker {
         Self {
             options,
             frames: Frames::default(),
-            looks: Looks::default(),
             live: Vec::new(),
             ended: Vec::new(),
             boxes: BoxesByFrame::new(),
-            rejected: 0,
         }
-    }
-
-    /// Returns the number of measurements that were not finite, had no area or had no valid covariance.
-    #[must_use]
-    pub fn rejected(&self) -> usize {
-        self.rejected
     }
 
     /// Takes the next frame, in the order of time. Frames without cars must be given, too.
     pub fn push(&mut self, frame: &FrameMeasurements) {
-        let (index, time_s) = self.frames.push(frame.stamp, frame.delay_s, frame.looked);
-        let is_look = frame.looked && self.looks.add(self.frames.since_first_s(frame.stamp));
-        let looks = self.looks.count;
+        let (index, time_s, is_look) = self.frames.push(frame.stamp, frame.delay_s, frame.looked);
+        let looks = self.frames.looks;
         let mut cars: Vec<&CarMeasurement> = frame.cars.iter().filter(|car| car.is_usable()).collect();
-        self.rejected += frame.cars.len() - cars.len();
         // The cars are sorted, so that their order in the frame has no effect.
         cars.sort_by(|a, b| {
             let key = |c: &CarMeasurement| {
@@ -135,9 +129,7 @@ impl Tracker {
                 .find(|o| o.is_ne())
                 .unwrap_or(a.car.cmp(&b.car))
         });
-        let observations: Vec<Sighting> =
-            cars.iter().map(|car| self.observation(car, index, time_s)).collect();
-        let gate = self.options.gate;
+        let observations: Vec<Sighting> = cars.iter().map(|car| observation(car, index, time_s)).collect();
         let mut held: Vec<bool> = vec![false; self.live.len()];
         for car in &frame.held {
             // A measurement that failed belongs to no track. The car is still the one that is stationary there.
@@ -159,14 +151,14 @@ impl Tracker {
         let has_own: Vec<bool> =
             held.iter().zip(&again).map(|(held, again)| *held || again.is_some()).collect();
         let pairs = assign(self.live.len(), cars.len(), ALONE, |l, c| {
-            if has_own[l] { f64::INFINITY } else { self.live[l].expected.cost(&observations[c], gate) }
+            if has_own[l] { f64::INFINITY } else { self.live[l].expected.cost(&observations[c]) }
         });
         let look = |c: usize| CarRef { frame: frame.stamp.index, car: cars[c].car };
         let mut taken = vec![false; cars.len()];
         for ((live, pair), has_own) in self.live.iter_mut().zip(&pairs).zip(&has_own) {
             match *pair {
                 Some(c) => {
-                    live.add(cars[c], observations[c].clone(), look(c), gate);
+                    live.add(cars[c], observations[c].clone(), look(c));
                     taken[c] = true;
                 }
                 None => live.missed += usize::from(is_look && !has_own),
@@ -204,46 +196,41 @@ impl Tracker {
         complete(ended, boxes, &frames, &options, scene)
     }
 
-    /// Converts a measurement to a detection, and adds the least variances to its covariance.
-    fn observation(&self, car: &CarMeasurement, frame: usize, time_s: f64) -> Sighting {
-        let floor = Vector3::new(
-            self.options.min_position_sd_m,
-            self.options.min_position_sd_m,
-            self.options.min_heading_sd_rad,
-        );
-        let covariance = car.covariance + Matrix3::from_diagonal(&floor.component_mul(&floor));
-        Sighting {
-            frame,
-            time_s,
-            pose: car.pose_vector(),
-            covariance: (covariance + covariance.transpose()) / 2.0,
-            bbox_px: car.bbox_px,
-            score: car.score,
-            car: Some(car.car),
-            held: false,
-            from_box: car.from_box,
-            lacks_keypoints: car.lacks_keypoints(),
-            cut: car.cut,
-            hidden: car.hidden,
-            fit_rms_share: car.fit_rms_share,
-        }
-    }
-
     /// Ends tracks that were undetected for too long. Unconfirmed tracks get little time.
     fn bury(&mut self, looks: usize, time_s: f64) {
         let options = &self.options;
         let (dead, live) = std::mem::take(&mut self.live).into_iter().partition(|live: &Live| {
             if !live.is_confirmed(options) {
-                return looks + 1 - live.born >= options.confirm_frames
-                    || live.missed + options.confirm_hits > options.confirm_frames;
+                return looks + 1 - live.born >= CONFIRM_FRAMES
+                    || live.missed + CONFIRM_HITS > CONFIRM_FRAMES;
             }
             // Inference frames may be rare, so a track may miss one of them.
-            live.missed > 1 && live.expected.is_lost(time_s, options)
+            live.missed > 1 && live.expected.is_lost(time_s)
         });
         self.live = live;
         // Unconfirmed tracks are dropped. In a clip that is itself too short, they are still live at the end and are
         // kept.
         let confirmed = Vec::into_iter(dead).filter(|live| live.is_confirmed(options));
         self.ended.extend(confirmed.map(|live| live.raw));
+    }
+}
+
+/// Converts a measurement to a detection, and adds the least variances to its covariance.
+fn observation(car: &CarMeasurement, frame: usize, time_s: f64) -> Sighting {
+    let floor = Vector3::new(LEAST_SD_M, LEAST_SD_M, LEAST_HEADING_SD_RAD);
+    let covariance = car.covariance + Matrix3::from_diagonal(&floor.component_mul(&floor));
+    Sighting {
+        frame,
+        time_s,
+        pose: car.pose_vector(),
+        covariance: (covariance + covariance.transpose()) / 2.0,
+        bbox_px: car.bbox_px,
+        score: car.score,
+        car: Some(car.car),
+        held: false,
+        from_box: car.from_box,
+        cut: car.cut,
+        hidden: car.hidden,
+        fit_rms_share: car.fit_rms_share,
     }
 }

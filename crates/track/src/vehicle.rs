@@ -4,11 +4,11 @@
 //! path (1/m). Two successive nodes are dt apart, and θ̄, v̄, κ̄ are the means of both. The residuals of one step are
 //!
 //! ```text
-//! x' − x − v̄ dt cos θ̄ ~ slip
-//! y' − y − v̄ dt sin θ̄ ~ slip
+//! x' − x − v̄ dt cos θ̄ ~ SLIP_M
+//! y' − y − v̄ dt sin θ̄ ~ SLIP_M
 //! θ' − θ − v̄ κ̄ dt     ~ TURN
-//! v' − v              ~ speed_change
-//! κ' − κ              ~ curvature_change
+//! v' − v              ~ SPEED_CHANGE
+//! κ' − κ              ~ CURVATURE_CHANGE
 //! ```
 //!
 //! Each residual has the variance sd² dt, with the sd named after the tilde, plus a small floor (`STEP_FLOOR`). A
@@ -18,7 +18,7 @@
 use nalgebra::{Matrix3, Matrix3x5, Matrix5, Vector3, Vector5};
 use roadplane_base::{StudentT, fold_axis};
 
-use crate::{TrackOptions, chain::Blocks};
+use crate::chain::Blocks;
 
 /// The state (x, y, θ, v, κ) of a node: m, m, rad, m/s, 1/m.
 pub(crate) type State = Vector5<f64>;
@@ -29,6 +29,16 @@ const SCATTER: StudentT = StudentT { dimensions: 3.0 };
 const STEP_FLOOR: [f64; 5] = [1e-3, 1e-3, 1e-4, 1e-3, 1e-4];
 /// Sd of the turning that the path does not explain, rad within 1 s.
 const TURN: f64 = 0.02;
+/// Sd of the sideways slip within 1 s, m. It grows with the square root of time.
+const SLIP_M: f64 = 0.05;
+/// Sd of the change of speed within 1 s, m/s. It grows with the square root of time.
+const SPEED_CHANGE: f64 = 1.0;
+/// Sd of the change of the curvature of a car's path within 1 s, 1/m. It grows with the square root of time.
+const CURVATURE_CHANGE: f64 = 0.1;
+/// Typical curvature (sd) of a car's path, 1/m.
+const CURVATURE_SD: f64 = 0.15;
+/// Distance from the rear axle to a car's origin, m.
+pub(crate) const HALF_WHEELBASE_M: f64 = 1.35;
 /// Sd of a stationary car's speed, m/s.
 const STANDING: f64 = 1e-3;
 /// Weight of the curvature's prior at one node, without unit. Neighbouring nodes share one prior.
@@ -51,8 +61,8 @@ pub(crate) struct Node {
 pub(crate) struct Vehicle<'a> {
     /// Nodes, in the order of time.
     pub nodes: &'a [Node],
-    /// Settings of the motion model.
-    pub options: &'a TrackOptions,
+    /// Distance from the rear axle to the vehicle's origin, m.
+    pub half_wheelbase_m: f64,
 }
 
 /// Returns origin (m) and heading (rad) of a state, with their Jacobian by the state (3 × 5).
@@ -60,23 +70,8 @@ pub(crate) fn origin(state: &State, half_wheelbase_m: f64) -> (Vector3<f64>, Mat
     let (sin, cos) = state[2].sin_cos();
     let l = half_wheelbase_m;
     let pose = Vector3::new(state[0] + l * cos, state[1] + l * sin, state[2]);
-    let jacobian = Matrix3x5::new(
-        1.0,
-        0.0,
-        -l * sin,
-        0.0,
-        0.0, //
-        0.0,
-        1.0,
-        l * cos,
-        0.0,
-        0.0, //
-        0.0,
-        0.0,
-        1.0,
-        0.0,
-        0.0,
-    );
+    let mut jacobian = Matrix3x5::identity();
+    (jacobian[(0, 2)], jacobian[(1, 2)]) = (-l * sin, l * cos);
     (pose, jacobian)
 }
 
@@ -130,7 +125,7 @@ impl Vehicle<'_> {
         let mut total = 0.0;
         for (node, state) in self.nodes.iter().zip(states) {
             if let Some((measured, information)) = &node.measured {
-                let d = residual(state, measured, self.options.half_wheelbase_m);
+                let d = residual(state, measured, self.half_wheelbase_m);
                 total += SCATTER.cost(d.dot(&(information * d)));
             }
             let precision = self.prior(node);
@@ -149,8 +144,8 @@ impl Vehicle<'_> {
         let mut blocks = Blocks::zeros(states.len());
         for (i, (node, state)) in self.nodes.iter().zip(states).enumerate() {
             if let Some((measured, information)) = &node.measured {
-                let (_, jacobian) = origin(state, self.options.half_wheelbase_m);
-                let d = residual(state, measured, self.options.half_wheelbase_m);
+                let (_, jacobian) = origin(state, self.half_wheelbase_m);
+                let d = residual(state, measured, self.half_wheelbase_m);
                 let weight = SCATTER.weight(d.dot(&(information * d)));
                 let weighted = jacobian.transpose() * information * weight;
                 blocks.diagonal[i] += weighted * jacobian;
@@ -173,6 +168,12 @@ impl Vehicle<'_> {
         blocks
     }
 
+    /// Returns the curvature of this vehicle's paths relative to those of cars. The wheels of all vehicles turn by the same
+    /// angles, which makes a long vehicle's path less curved.
+    fn bend(&self) -> f64 {
+        HALF_WHEELBASE_M / self.half_wheelbase_m
+    }
+
     /// Returns the time from the node before to the node `to`, s.
     fn gap_s(&self, to: usize) -> f64 {
         (self.nodes[to].span_s[0] - self.nodes[to - 1].span_s[1]).max(1e-3)
@@ -182,14 +183,13 @@ impl Vehicle<'_> {
     /// 60 m/s, and a stationary car has no speed.
     fn prior(&self, node: &Node) -> State {
         let speed = if node.parked { STANDING } else { 30.0 };
-        let bend = self.options.curvature_sd;
+        let bend = CURVATURE_SD * self.bend();
         State::new(0.0, 0.0, 0.0, speed.powi(-2), BEND_WEIGHT * bend.powi(-2))
     }
 
     /// Returns the precisions of a step's residual over a time in s.
     fn step_precision(&self, dt: f64) -> State {
-        let o = self.options;
-        let sd = [o.slip_m, o.slip_m, TURN, o.speed_change, o.curvature_change];
+        let sd = [SLIP_M, SLIP_M, TURN, SPEED_CHANGE, CURVATURE_CHANGE * self.bend()];
         State::from_fn(|i, _| 1.0 / (sd[i] * sd[i] * dt + STEP_FLOOR[i] * STEP_FLOOR[i]))
     }
 }

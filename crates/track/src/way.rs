@@ -3,7 +3,6 @@
 use nalgebra::{Matrix3, Matrix5, Vector3};
 
 use crate::{
-    TrackOptions,
     box_motion::UNSEEN_S,
     facing::Facing,
     measurement::Sighting,
@@ -84,16 +83,16 @@ pub(crate) struct Way {
 impl Way {
     /// Estimates the path from measured poses; `None` where that is impossible. `times_s` holds the time of every
     /// frame.
-    pub(crate) fn by_poses(sightings: &[Sighting], times_s: &[f64], options: &TrackOptions) -> Option<Self> {
-        let runs = find_runs(sightings, options);
+    pub(crate) fn by_poses(sightings: &[Sighting], times_s: &[f64], half_wheelbase_m: f64) -> Option<Self> {
+        let runs = find_runs(sightings);
         let places = places(sightings, times_s, &runs);
-        let (mut nodes, facing) = start(sightings, &places, options);
+        let (mut nodes, facing) = start(sightings, &places, half_wheelbase_m);
         let mut noise = Noise::measured(&mut [], 0.0, 0.0, 1.0);
         let mut covariances = Vec::new();
         for pass in 0..=NOISE_PASSES {
-            (nodes, covariances) = solve(sightings, &places, nodes, noise, options)?;
+            (nodes, covariances) = solve(sightings, &places, nodes, noise, half_wheelbase_m)?;
             if pass < NOISE_PASSES {
-                noise = driving_noise(sightings, &places, &nodes, &covariances, noise, options);
+                noise = driving_noise(sightings, &places, &nodes, &covariances, noise, half_wheelbase_m);
             }
         }
         Some(Self { places, nodes, covariances, noise, facing })
@@ -177,7 +176,7 @@ fn solve(
     places: &[Place],
     start: Vec<State>,
     noise: Noise,
-    options: &TrackOptions,
+    half_wheelbase_m: f64,
 ) -> Option<(Vec<State>, Vec<Matrix5<f64>>)> {
     let nodes: Vec<Node> = places
         .iter()
@@ -187,7 +186,7 @@ fn solve(
             parked: place.stand.is_some(),
         })
         .collect();
-    Vehicle { nodes: &nodes, options }.solve(start)
+    Vehicle { nodes: &nodes, half_wheelbase_m }.solve(start)
 }
 
 /// Returns the covariance of a driving car's detection, for an estimator that assumes independent detections.
@@ -215,7 +214,7 @@ fn driving_noise(
     states: &[State],
     covariances: &[Matrix5<f64>],
     used: Noise,
-    options: &TrackOptions,
+    half_wheelbase_m: f64,
 ) -> Noise {
     let mut squares = Vec::new();
     let (mut own, mut lagged, mut leverage) = (0.0, 0.0, 0.0);
@@ -226,9 +225,9 @@ fn driving_noise(
         let (None, Some(seen)) = (&place.stand, place.look(sightings)) else { continue };
         let weight = white(sightings, place, seen, used).try_inverse();
         let (Some(inverse), Some(weight)) = (seen.covariance.try_inverse(), weight) else { continue };
-        let (_, jacobian) = origin(state, options.half_wheelbase_m);
+        let (_, jacobian) = origin(state, half_wheelbase_m);
         leverage += (weight * jacobian * covariance * jacobian.transpose()).trace();
-        let away = residual(state, &seen.pose, options.half_wheelbase_m);
+        let away = residual(state, &seen.pose, half_wheelbase_m);
         let square = away.dot(&(inverse * away));
         squares.push(square);
         own += square;

@@ -75,6 +75,15 @@ impl Evidence {
         Some(Self { information, weighted: information * mean }.without(rest))
     }
 
+    /// Converts the evidence to other coordinates. `from` and `to` are the same camera in the old and in the new
+    /// coordinates, and `by` is the derivative of the old by the new ones there.
+    pub(super) fn moved(&self, by: &Matrix4<f64>, from: &Vector4<f64>, to: &Vector4<f64>) -> Self {
+        let information = by.transpose() * self.information * by;
+        let information = (information + information.transpose()) / 2.0;
+        let pull = by.transpose() * (self.weighted - self.information * from);
+        Self { information, weighted: information * to + pull }
+    }
+
     /// Returns the mean and covariance; `None` where the information is singular.
     fn moments(&self) -> Option<(Vector4<f64>, Matrix4<f64>)> {
         let factor = self.information.cholesky()?;

@@ -11,6 +11,9 @@ use crate::{CarIdentity, CarUse, WindowEstimate};
 /// Error model of windows; a window with a wrong minimum has little weight.
 pub(super) const SCATTER: StudentT = StudentT { dimensions: 4.0 };
 
+/// Correlation between the evidence of a car in two windows if the car moved between them. It is 1 for a parked car.
+const MOVING_CORRELATION: f64 = 0.3;
+
 /// Returns whether a window has finite numbers and no negative information.
 pub(super) fn is_usable(window: &WindowEstimate) -> bool {
     let joint = &window.joint;
@@ -20,7 +23,7 @@ pub(super) fn is_usable(window: &WindowEstimate) -> bool {
 }
 
 /// Returns the share of each window's evidence that other windows of the group do not already contain, 0–1.
-pub(super) fn shares(group: &[&WindowEstimate], options: &FuseOptions) -> Vec<f64> {
+pub(super) fn shares(group: &[&WindowEstimate]) -> Vec<f64> {
     let mut windows_of: BTreeMap<CarIdentity, f64> = BTreeMap::new();
     for window in group {
         for car in window.cars.iter().map(|used| used.car).collect::<BTreeSet<_>>() {
@@ -29,8 +32,7 @@ pub(super) fn shares(group: &[&WindowEstimate], options: &FuseOptions) -> Vec<f6
     }
     let share = |window: &&WindowEstimate| {
         let of_car = |used: &CarUse| {
-            let correlation =
-                if used.parked { options.parked_correlation } else { options.moving_correlation };
+            let correlation = if used.parked { 1.0 } else { MOVING_CORRELATION };
             1.0 / (1.0 + (windows_of.get(&used.car).copied().unwrap_or(1.0) - 1.0) * correlation)
         };
         let total: f64 = window.cars.iter().map(of_car).sum();
@@ -111,7 +113,7 @@ pub(super) fn together(group: &[&WindowEstimate], shares: &[f64], options: &Fuse
 pub fn condense(windows: &[WindowEstimate], options: &FuseOptions) -> Option<WindowEstimate> {
     let usable: Vec<&WindowEstimate> = windows.iter().filter(|window| is_usable(window)).collect();
     let first = *usable.first()?;
-    let joint = together(&usable, &shares(&usable, options), options);
+    let joint = together(&usable, &shares(&usable), options);
     let mut cars: Vec<CarUse> = usable.iter().flat_map(|window| window.cars.iter().copied()).collect();
     cars.sort_by_key(|used| (used.car, !used.parked));
     cars.dedup_by_key(|used| used.car);

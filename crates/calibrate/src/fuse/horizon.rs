@@ -7,15 +7,6 @@ use nalgebra::{Matrix4, Vector4};
 
 use super::evidence::Evidence;
 
-/// Evidence of cars: a Gaussian of (log f, horizon, roll, log h').
-#[derive(Clone, Copy, Debug)]
-pub(super) struct CarEvidence {
-    /// Inverse covariance.
-    information: Matrix4<f64>,
-    /// Inverse covariance times the mean.
-    weighted: Vector4<f64>,
-}
-
 /// Converts (log f, tilt, roll, log h') to (log f, horizon, roll, log h').
 fn with_horizon(camera: &Vector4<f64>) -> Vector4<f64> {
     let mut vector = *camera;
@@ -32,28 +23,13 @@ fn by_camera(camera: &Vector4<f64>) -> Matrix4<f64> {
     by
 }
 
-impl CarEvidence {
-    /// Returns evidence without information.
-    pub(super) fn none() -> Self {
-        Self { information: Matrix4::zeros(), weighted: Vector4::zeros() }
-    }
+/// Converts evidence on (log f, tilt, roll, log h') that was linearised at `camera` to evidence on (log f, horizon, roll,
+/// log h'). `None` where the tilt is a right angle.
+pub(super) fn of_horizon(evidence: &Evidence, camera: &Vector4<f64>) -> Option<Evidence> {
+    Some(evidence.moved(&by_camera(camera).try_inverse()?, camera, &with_horizon(camera)))
+}
 
-    /// Converts evidence on (log f, tilt, roll, log h') that was linearised at `camera`. `None` where the tilt is a right
-    /// angle.
-    pub(super) fn of(evidence: &Evidence, camera: &Vector4<f64>) -> Option<Self> {
-        let back = by_camera(camera).try_inverse()?;
-        let information = back.transpose() * evidence.information * back;
-        let information = (information + information.transpose()) / 2.0;
-        let pull = back.transpose() * (evidence.weighted - evidence.information * camera);
-        Some(Self { information, weighted: information * with_horizon(camera) + pull })
-    }
-
-    /// Converts the evidence to (log f, tilt, roll, log h'), linearised at `camera`.
-    pub(super) fn linearised(&self, camera: &Vector4<f64>) -> Evidence {
-        let by = by_camera(camera);
-        let information = by.transpose() * self.information * by;
-        let information = (information + information.transpose()) / 2.0;
-        let pull = by.transpose() * (self.weighted - self.information * with_horizon(camera));
-        Evidence { information, weighted: information * camera + pull }
-    }
+/// Converts evidence on (log f, horizon, roll, log h') to (log f, tilt, roll, log h'), linearised at `camera`.
+pub(super) fn linearised(of_horizon: &Evidence, camera: &Vector4<f64>) -> Evidence {
+    of_horizon.moved(&by_camera(camera), &with_horizon(camera), camera)
 }

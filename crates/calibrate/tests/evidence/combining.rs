@@ -17,34 +17,32 @@ fn looks(n: u64, white: f64, random: &mut Rng) -> Vec<KeypointSet> {
         .collect()
 }
 
-/// Returns the sd of keypoint 3 after combining (px), and the scatter ratio. The bias share is 0.5.
-fn sd(sets: &[KeypointSet]) -> (f64, Option<f64>) {
-    let combined = combine(&sets.iter().collect::<Vec<_>>(), 0.5);
-    (combined.keypoints[3].unwrap().sd_px(), combined.scatter_ratio)
+fn combined(sets: &[KeypointSet]) -> Box<KeypointSet> {
+    combine(&sets.iter().collect::<Vec<_>>())
+}
+
+/// Returns the sd of keypoint 3 after combining, px.
+fn sd(sets: &[KeypointSet]) -> f64 {
+    combined(sets)[3].unwrap().sd_px()
 }
 
 #[test]
 fn white_noise_averages_down_to_the_stated_bias() {
-    let (sd, ratio) = sd(&looks(100, 1.0, &mut Rng::new(1)));
-    // Half of 4 px remains as bias whatever the scatter is; the rest falls to a tenth.
-    assert!((sd - (2.0f64.powi(2) + 0.4f64.powi(2)).sqrt()).abs() < 0.15, "{sd} px");
-    assert!((ratio.unwrap() - 1.0).abs() < 0.1, "{ratio:?}");
+    let sd = sd(&looks(100, 1.0, &mut Rng::new(1)));
+    // Of 4 px, 60 % remain as bias whatever the scatter is; the rest falls to a tenth.
+    assert!((sd - (2.4f64.powi(2) + 0.4f64.powi(2)).sqrt()).abs() < 0.15, "{sd} px");
 }
 
 #[test]
 fn what_does_not_scatter_is_bias() {
-    let (sd, ratio) = sd(&looks(100, 0.2, &mut Rng::new(2)));
+    let sd = sd(&looks(100, 0.2, &mut Rng::new(2)));
     assert!((sd - 4.0 * (1.0f64 - 0.04).sqrt()).abs() < 0.1, "{sd} px");
-    assert!((ratio.unwrap() - 0.04).abs() < 0.01, "{ratio:?}");
 }
 
 #[test]
 fn scatter_beyond_the_prediction_widens_it() {
-    let one = looks(1, 3.0, &mut Rng::new(3));
-    let (sd_one, none) = sd(&one);
-    assert!((sd_one - 4.0).abs() < 1e-9 && none.is_none());
-    let (sd_few, ratio) = sd(&looks(4, 3.0, &mut Rng::new(3)));
-    assert!(ratio.unwrap() > 4.0 && sd_few > 4.0, "{sd_few} px, {ratio:?}");
+    let [one, few] = [1, 4].map(|n| sd(&looks(n, 3.0, &mut Rng::new(3))));
+    assert!((one - 4.0).abs() < 1e-9 && few > 4.0, "{one} and {few} px");
 }
 
 #[test]
@@ -53,17 +51,16 @@ fn every_fourth_look_far_off_does_little() {
     for set in sets.iter_mut().step_by(4) {
         set.iter_mut().flatten().for_each(|p| p.pixel.x += 60.0);
     }
-    let combined = combine(&sets.iter().collect::<Vec<_>>(), 0.5);
     let truth = 100.0 + 200.0 * 3.5 / 6.0;
-    assert!((combined.keypoints[3].unwrap().pixel.x - truth).abs() < 2.0);
+    assert!((combined(&sets)[3].unwrap().pixel.x - truth).abs() < 2.0);
 }
 
 #[test]
 fn keypoints_seen_rarely_are_left_out() {
     let mut sets = looks(10, 1.0, &mut Rng::new(5));
     sets.iter_mut().skip(2).for_each(|set| set[3] = None);
-    let combined = combine(&sets.iter().collect::<Vec<_>>(), 0.5);
-    assert!(combined.keypoints[3].is_none());
-    assert_eq!(combined.keypoints.iter().flatten().count(), KEYPOINTS / 2 - 1);
-    assert!(combine(&[], 0.5).keypoints.iter().all(Option::is_none));
+    let found = combined(&sets);
+    assert!(found[3].is_none());
+    assert_eq!(found.iter().flatten().count(), KEYPOINTS / 2 - 1);
+    assert!(combined(&[]).iter().all(Option::is_none));
 }

@@ -1,7 +1,7 @@
 use std::collections::BTreeSet;
 
 use proptest::prelude::*;
-use roadplane_calibrate::{Linker, LinkerOptions};
+use roadplane_calibrate::Linker;
 use roadplane_synth::Rng;
 
 use crate::records::{Moving, frame, rows, still};
@@ -10,7 +10,7 @@ use crate::records::{Moving, frame, rows, still};
 fn cars_keep_their_names_while_one_drives_past() {
     let mut cars = rows(5);
     cars.push(Moving { bbox_px: [0.0, 450.0, 160.0, 560.0], velocity_px_s: [300.0, 0.0] });
-    let mut linker = Linker::new(LinkerOptions::default());
+    let mut linker = Linker::default();
     let mut random = Rng::new(1);
     let mut first = None;
     for i in 0..100 {
@@ -29,7 +29,7 @@ fn cars_keep_their_names_while_one_drives_past() {
 
 #[test]
 fn a_parked_car_is_known_again_after_20_s_and_a_driving_one_is_not() {
-    let mut linker = Linker::new(LinkerOptions::default());
+    let mut linker = Linker::default();
     let mut random = Rng::new(2);
     let cars = [
         still(500.0, 500.0, 150.0),
@@ -54,7 +54,7 @@ proptest! {
     #[test]
     fn the_order_of_cars_does_not_matter(seed in 0u64..10_000) {
         let mut random = Rng::new(seed);
-        let (mut one, mut two) = (Linker::new(LinkerOptions::default()), Linker::new(LinkerOptions::default()));
+        let (mut one, mut two) = (Linker::default(), Linker::default());
         for i in 0..10 {
             let record = frame(i, i as f64 / 10.0, &rows(3), 20.0, 1.0, &mut random);
             let mut reversed = record.clone();

@@ -1,8 +1,6 @@
 use nalgebra::Vector2;
 use roadplane_base::FrameRecord;
-use roadplane_calibrate::{
-    EvidenceBuilder, EvidenceOptions, MoveDetector, MoveOptions, MoveState, SegmentStart, Window,
-};
+use roadplane_calibrate::{EvidenceBuilder, MoveDetector, MoveState, SegmentStart, Window};
 use roadplane_synth::Rng;
 
 use crate::records::{Moving, frame, rows, still};
@@ -34,7 +32,7 @@ fn clip(before: &[Moving], then: &[Moving], seed: u64) -> Vec<FrameRecord> {
 
 /// Cuts the frames into windows of 1 s.
 fn windows(frames: &[FrameRecord]) -> Vec<Window> {
-    let mut builder = EvidenceBuilder::new(EvidenceOptions { window_s: 1.0, ..EvidenceOptions::default() });
+    let mut builder = EvidenceBuilder::new(1.0);
     let mut found: Vec<Window> = frames.iter().filter_map(|f| builder.push(f.clone())).collect();
     found.extend(builder.finish());
     found
@@ -87,7 +85,7 @@ fn a_still_camera_is_one_segment_though_cars_leave_and_one_frame_shakes() {
 #[test]
 fn slow_drift_is_seen_by_its_sum() {
     let mut random = Rng::new(3);
-    let mut detector = MoveDetector::new(MoveOptions::default());
+    let mut detector = MoveDetector::default();
     let cars: Vec<Moving> =
         rows(5).into_iter().map(|car| Moving { velocity_px_s: [1.0, 0.0], ..car }).collect();
     let states: Vec<MoveState> =
@@ -101,7 +99,7 @@ fn slow_drift_is_seen_by_its_sum() {
 #[test]
 fn few_cars_tell_nothing() {
     let mut random = Rng::new(3);
-    let mut detector = MoveDetector::new(MoveOptions::default());
+    let mut detector = MoveDetector::default();
     for i in 0..40 {
         let cars = shifted(
             &[still(300.0, 300.0, 100.0), still(800.0, 300.0, 100.0)],

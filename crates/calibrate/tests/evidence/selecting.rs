@@ -2,15 +2,14 @@ use std::collections::BTreeMap;
 
 use std::collections::BTreeSet;
 
-use roadplane_calibrate::{Linker, LinkerOptions, SelectOptions, View, ViewSelector};
+use roadplane_calibrate::{Linker, View, ViewSelector};
 use roadplane_synth::Rng;
 
 use crate::records::{Moving, frame, rows, still};
 
 /// Returns the views of `frames` frames at `rate` frames/s.
-fn views(cars: &[Moving], frames: u64, rate: f64, options: SelectOptions) -> Vec<View> {
-    let mut linker = Linker::new(LinkerOptions::default());
-    let mut selector = ViewSelector::new(options);
+fn views(cars: &[Moving], frames: u64, rate: f64, mut selector: ViewSelector) -> Vec<View> {
+    let mut linker = Linker::default();
     let mut random = Rng::new(1);
     for i in 0..frames {
         let record = frame(i, i as f64 / rate, cars, 2.0, 0.5, &mut random);
@@ -23,9 +22,9 @@ fn views(cars: &[Moving], frames: u64, rate: f64, options: SelectOptions) -> Vec
 #[test]
 fn a_parked_car_is_one_view_however_long() {
     for frames in [30, 3000] {
-        let views = views(&rows(5), frames, 30.0, SelectOptions::default());
+        let views = views(&rows(5), frames, 30.0, ViewSelector::default());
         assert_eq!(views.len(), 10);
-        assert!(views.iter().all(|v| v.parked && (v.weight - 1.0).abs() < 1e-12 && v.frames.len() >= 30));
+        assert!(views.iter().all(|v| v.parked && (v.weight - 1.0).abs() < 1e-12));
         // The keypoints claim an sd of 2 px. A quarter of their variance is white and averages out.
         let sds = views[0].keypoints.iter().flatten().map(|point| point.sd_px()).collect::<Vec<_>>();
         let share = sds.iter().map(|sd| (sd / 2.0).powi(2)).sum::<f64>() / sds.len() as f64;
@@ -36,10 +35,10 @@ fn a_parked_car_is_one_view_however_long() {
 #[test]
 fn a_driving_car_gives_a_view_every_half_box() {
     let car = Moving { bbox_px: [10.0, 400.0, 210.0, 520.0], velocity_px_s: [400.0, 0.0] };
-    let views = views(&[car], 100, 25.0, SelectOptions::default());
+    let views = views(&[car], 100, 25.0, ViewSelector::default());
     // 1600 px with a view every 100 px give more views than one car may have.
     assert_eq!(views.len(), 6);
-    assert!(views.iter().all(|v| !v.parked && v.frames.len() == 1 && v.weight < 0.5));
+    assert!(views.iter().all(|v| !v.parked && v.weight < 0.5));
 }
 
 #[test]
@@ -49,7 +48,7 @@ fn bounds_are_kept_and_cars_share_them() {
         bbox_px: [10.0, 60.0 * f64::from(i), 110.0, 60.0 * f64::from(i) + 50.0],
         velocity_px_s: [400.0, 0.0],
     }));
-    let views = views(&cars, 100, 25.0, SelectOptions { max_views: 20, ..SelectOptions::default() });
+    let views = views(&cars, 100, 25.0, ViewSelector::new(20, 60));
     assert_eq!(views.len(), 20);
     let mut of_link: BTreeMap<u64, usize> = BTreeMap::new();
     views.iter().for_each(|v| *of_link.entry(v.link).or_default() += 1);
@@ -63,7 +62,7 @@ fn small_and_empty_cars_are_no_views() {
     record.cars[0].bbox_px = [5.0, 5.0, 25.0, 20.0];
     record.cars[1].keypoints = None;
     record.cars[2].keypoints.as_mut().unwrap().iter_mut().skip(3).for_each(|p| *p = None);
-    let mut selector = ViewSelector::new(SelectOptions::default());
+    let mut selector = ViewSelector::default();
     selector.push(&record, &[0, 1, 2, 3]);
     let views = selector.take();
     assert_eq!(views.iter().map(|v| v.link).collect::<Vec<_>>(), [3]);
@@ -76,9 +75,8 @@ fn what_is_found_once_comes_after_what_is_found_again_and_only_until_there_is_en
     // of views of cars and of false objects.
     for (row, enough_views, (of_cars, of_others)) in [(5, 60, (10, 10)), (10, 60, (20, 0)), (5, 12, (10, 2))]
     {
-        let options = SelectOptions { max_views: 20, enough_views, ..SelectOptions::default() };
-        let mut linker = Linker::new(LinkerOptions::default());
-        let mut selector = ViewSelector::new(options);
+        let mut linker = Linker::default();
+        let mut selector = ViewSelector::new(20, enough_views);
         let mut random = Rng::new(1);
         let mut found_once: BTreeSet<u64> = BTreeSet::new();
         for i in 0..36 {
@@ -99,7 +97,7 @@ fn what_is_found_once_comes_after_what_is_found_again_and_only_until_there_is_en
 #[test]
 fn a_stationary_car_that_is_found_in_some_pictures_counts_once() {
     let mut random = Rng::new(1);
-    let mut selector = ViewSelector::new(SelectOptions::default());
+    let mut selector = ViewSelector::default();
     // One car is found every few seconds, with a new identifier each time.
     for i in 0..8 {
         let found = still(300.0 + 4.0 * (i % 3) as f64, 200.0, 150.0);

@@ -70,7 +70,7 @@ pub fn solve_recorded(
     let solution = solve_clip(frames, &poses_path, atlas, constraints, config, cancel)?;
     let longest = solution
         .cameras
-        .estimates()
+        .estimates
         .iter()
         .max_by(|a, b| (a.span_s[1] - a.span_s[0]).total_cmp(&(b.span_s[1] - b.span_s[0])));
     let camera = longest.map(|estimate| CameraAnswer {

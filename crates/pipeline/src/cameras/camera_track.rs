@@ -10,25 +10,25 @@ use crate::cameras::empty_scene_view::EmptySceneView;
 /// The estimated camera at every time of a clip.
 #[derive(Clone, Debug, Default)]
 pub struct CameraTrack {
-    /// Estimates, one per interval, in the order of time.
-    pub(super) estimates: Vec<CameraEstimate>,
+    /// Estimates, one per interval, in the order of time; empty without frames.
+    pub estimates: Vec<CameraEstimate>,
     /// Visits of the camera to its positions, in the order of time.
-    pub(super) visits: Vec<Visit>,
-    /// Evidence of this clip alone, for the camera database.
-    pub(super) said: Option<CameraEvidence>,
-    /// Log of the size of the site's cars relative to the atlas.
-    pub(super) size_of_cars: f64,
+    pub(crate) visits: Vec<Visit>,
+    /// Evidence of this clip alone, for the camera database; `None` if not requested or without information.
+    pub said: Option<CameraEvidence>,
+    /// Log of the size of the site's cars relative to the atlas; 0 where only cars determine the scale.
+    pub size_of_cars: f64,
     /// Each user constraint, compared with all other evidence.
-    pub(super) known: Vec<ConstraintSummary>,
+    pub known: Vec<ConstraintSummary>,
     /// Vertical lines and turns, by camera position.
-    pub(super) scene: Vec<SceneView>,
+    pub scene: Vec<SceneView>,
     /// View of the picture of the empty scene; `None` if it does not show the last position of the camera.
-    pub(super) empty_scene: Option<EmptySceneView>,
+    pub(crate) empty_scene: Option<EmptySceneView>,
 }
 
 /// An interval in which the camera is at one position.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Visit {
+pub(crate) struct Visit {
     /// Index of the position, from 0.
     pub position: usize,
     /// First and last time, s.
@@ -72,42 +72,6 @@ pub(super) fn by_visits(
 }
 
 impl CameraTrack {
-    /// Creates the track from estimates that were read from a file.
-    #[must_use]
-    pub fn from_estimates(estimates: Vec<CameraEstimate>) -> Self {
-        Self { estimates, ..Self::default() }
-    }
-
-    /// Returns the evidence of this clip alone, for the camera database; `None` if not requested or without
-    /// information.
-    #[must_use]
-    pub fn evidence(&self) -> Option<&CameraEvidence> {
-        self.said.as_ref()
-    }
-
-    /// Returns the log of the size of the site's cars relative to the atlas; 0 where only cars determine the scale.
-    #[must_use]
-    pub fn size_of_cars(&self) -> f64 {
-        self.size_of_cars
-    }
-
-    /// Returns each user constraint, compared with all other evidence.
-    #[must_use]
-    pub fn constraints(&self) -> &[ConstraintSummary] {
-        &self.known
-    }
-
-    /// Returns the lines of the scene and the factors from them, by camera position.
-    #[must_use]
-    pub fn scene(&self) -> &[SceneView] {
-        &self.scene
-    }
-
-    /// Returns the view of the picture of the empty scene; `None` if it does not show the last position of the camera.
-    pub(crate) fn empty_scene(&self) -> Option<&EmptySceneView> {
-        self.empty_scene.as_ref()
-    }
-
     /// Returns the index of the last camera position, from 0.
     #[must_use]
     pub fn last_position(&self) -> usize {
@@ -118,12 +82,6 @@ impl CameraTrack {
     #[must_use]
     pub fn moves(&self) -> usize {
         self.visits.len().saturating_sub(1)
-    }
-
-    /// Returns one estimate per interval, in the order of time; never empty.
-    #[must_use]
-    pub fn estimates(&self) -> &[CameraEstimate] {
-        &self.estimates
     }
 
     /// Returns the index of the camera position at a time, from 0. All visits to a position have the same index.

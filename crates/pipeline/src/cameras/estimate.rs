@@ -5,8 +5,7 @@ use std::path::Path;
 
 use roadplane_base::{CameraEstimate, FrameRecord, ImageSize, Lens, Registration, ShapeAtlas};
 use roadplane_calibrate::{
-    Cues, EvidenceBuilder, EvidenceOptions, FuseOptions, Joined, SceneLines, Turns, Window, WindowEstimate,
-    epochs, fuse, join,
+    Cues, EvidenceBuilder, FuseOptions, Joined, SceneLines, Turns, Window, WindowEstimate, epochs, fuse, join,
 };
 use roadplane_measure::usable;
 use roadplane_write::FrameReader;
@@ -37,13 +36,13 @@ pub(crate) fn optics_of(
 ) -> Result<Optics, PipelineError> {
     let optics = Optics::of(frames, known, recall, config)?;
     // With a given focal length, the edges were already tested with it.
-    let is_open = |lens: &&LensOfClip| lens.is_of_edges() && known.focal_px().is_none();
+    let is_open = |lens: &&LensOfClip| lens.is_of_edges && known.focal_px().is_none();
     let Some(lens) = optics.lens.as_ref().filter(is_open) else { return Ok(optics) };
     let first = within(FrameReader::open(frames)?, config.calibrate.window_s);
     let first = optics.convert(first.map(|frame| frame.map_err(PipelineError::from)));
     let (known, _) = known.with_frames(&BTreeMap::new());
     let cameras = estimate_cameras(first, &optics, atlas, &known, None, None, config)?;
-    let Some(camera) = cameras.estimates().first() else { return Ok(optics) };
+    let Some(camera) = cameras.estimates.first() else { return Ok(optics) };
     if lens.suits(camera) {
         return Ok(optics);
     }
@@ -67,12 +66,9 @@ pub(crate) fn estimate_cameras(
     scene: Option<&Registration>,
     config: &Config,
 ) -> Result<CameraTrack, PipelineError> {
-    let lens = optics.lens.as_ref().map_or(Lens::STRAIGHT, LensOfClip::lens);
+    let lens = optics.lens.as_ref().map_or(Lens::STRAIGHT, |of_clip| of_clip.lens);
     let mut known = known.clone();
-    let mut builder = EvidenceBuilder::new(EvidenceOptions {
-        window_s: config.calibrate.window_s,
-        ..EvidenceOptions::default()
-    });
+    let mut builder = EvidenceBuilder::new(config.calibrate.window_s);
     let mut solving = Solving::new(atlas, config);
     let mut visits: Vec<Visit> = Vec::new();
     let mut size = None;
@@ -108,8 +104,9 @@ pub(crate) fn estimate_cameras(
     };
     take(builder.finish(), size, lens, &known);
     let position = visits.last().map_or(0, |visit| visit.position);
+    let positions = visits.iter().map(|visit| visit.position + 1).max().unwrap_or(1);
     let (mut windows, parked) = (solving.windows, solving.parked);
-    let mut options = of_clip.count(&windows, fuse_options(size, position, &known, config));
+    let mut options = of_clip.count(&windows, fuse_options(size, positions, &known, config));
     let empty_scene = EmptySceneView::of(scene, &optics.places, position, size);
     let said = recall.and_then(|recall| {
         let options = options.for_cars();
@@ -139,7 +136,7 @@ pub(crate) fn estimate_cameras(
         tracing::warn!("the camera cannot be estimated from the cars of {frame_count} frames");
     }
     let known = known.checked(size, |others| {
-        let mut factors = factors_by_position(size, position, others);
+        let mut factors = factors_by_position(size, positions, others);
         for view in &cues {
             view.add_factors(&mut factors);
         }
@@ -152,7 +149,7 @@ pub(crate) fn estimate_cameras(
 #[must_use]
 pub fn prior_camera(known: &CameraConstraints, frame: &FrameRecord, config: &Config) -> CameraEstimate {
     let (size, span_s) = (frame.image_size_px, [frame.time_s; 2]);
-    let options = fuse_options(size, 0, known, config);
+    let options = fuse_options(size, 1, known, config);
     let told = (!known.is_silent()).then(|| WindowEstimate::without_cars(&options, span_s, 0));
     fuse(told.as_slice(), &options).pop().unwrap_or_else(|| options.unobservable(span_s))
 }

@@ -36,7 +36,7 @@ pub fn estimate_frame(
     let solution = solve_scene(atlas, size, &CarView::each(&sets), &options);
     let cars_used = solution.cars.iter().flatten().filter(|car| car.used).count();
     if !known.is_silent() {
-        let fuse_options = lens.count(&[], fuse_options(size, 0, &known, config));
+        let fuse_options = lens.count(&[], fuse_options(size, 1, &known, config));
         let silent = WindowEstimate::without_cars(&fuse_options, [frame.time_s; 2], 0);
         let window = if solution.status.usable() {
             let (params, joint) = solution.by_cars();
@@ -90,9 +90,9 @@ fn before_cars(
     config: &Config,
 ) -> (LensOfClip, CameraConstraints, SceneOptions) {
     let lens = LensOfClip::new(curves, None, size, known, None, config);
-    let known = known.seen_through(lens.lens());
+    let known = known.seen_through(lens.lens);
     let mut options = config.solve.scene_options(known.focal_px());
-    options.lens = lens.lens();
+    options.lens = lens.lens;
     (lens, known, options)
 }
 
@@ -114,8 +114,8 @@ fn of_solution(
         span_s: [frame.time_s; 2],
         image_size_px: frame.image_size_px,
         principal_point_px: frame.image_size_px.centre_px(),
-        lens: lens.lens(),
-        distortion_sd: lens.bend_sd(),
+        lens: lens.lens,
+        distortion_sd: lens.bend_sd,
         params,
         covariance,
         status,

@@ -1,7 +1,6 @@
 //! Options for joining windows and clips: the prior, and the factors that count once.
 
 use std::collections::BTreeMap;
-use std::sync::Arc;
 
 use roadplane_base::ImageSize;
 use roadplane_calibrate::{Factor, FuseOptions, FusePrior};
@@ -9,15 +8,19 @@ use roadplane_solve::SceneOptions;
 
 use crate::Config;
 use crate::cameras::known::CameraConstraints;
-use crate::cameras::population::POPULATION_LOG_SD;
 
+/// Sd of the log of the mean size of a site's cars relative to the shape atlas.
+///
+/// Cars in the USA are about 6 % longer than those in Europe, cars in Japan about as much shorter (estimates). Every
+/// car of a clip shares this error, and heights and distances scale with it.
+pub(crate) const POPULATION_LOG_SD: f64 = 0.04;
 /// Sd of log focal length for a focal length that the user gave without an sd.
 const GIVEN_LOG_FOCAL_SD: f64 = 1e-6;
 
-/// Returns the options for joining windows and clips, for a camera that was moved `moves` times.
+/// Returns the options for joining windows and clips, for a camera with so many positions.
 pub(crate) fn fuse_options(
     size: ImageSize,
-    moves: usize,
+    positions: usize,
     known: &CameraConstraints,
     config: &Config,
 ) -> FuseOptions {
@@ -26,7 +29,7 @@ pub(crate) fn fuse_options(
         focal_given: known.focal_px().is_some(),
         prior: fuse_prior(&options, size),
         shared_sd: options.shared_sd(),
-        factors: factors_by_position(size, moves, known),
+        factors: factors_by_position(size, positions, known),
         size_of_cars_sd: POPULATION_LOG_SD,
         ..FuseOptions::for_image(size)
     }
@@ -35,11 +38,11 @@ pub(crate) fn fuse_options(
 /// Returns all factors beside the cars, by camera position.
 pub(crate) fn factors_by_position(
     size: ImageSize,
-    moves: usize,
+    positions: usize,
     known: &CameraConstraints,
-) -> BTreeMap<usize, Arc<[Factor]>> {
-    let factors = (0..=moves).map(|position| (position, Arc::from(known.factors(position, size))));
-    factors.filter(|(_, factors): &(usize, Arc<[Factor]>)| !factors.is_empty()).collect()
+) -> BTreeMap<usize, Vec<Factor>> {
+    let factors = (0..positions).map(|position| (position, known.factors(position, size)));
+    factors.filter(|(_, factors)| !factors.is_empty()).collect()
 }
 
 /// Returns the camera's prior; a given focal length replaces the prior's one.

@@ -48,11 +48,7 @@ impl Krtd {
 /// [`WriteError::Io`]; [`WriteError::Malformed`] if the file is no K, R, T with a rotation, or the camera is under the
 /// ground.
 pub fn read_krtd(path: &Path) -> Result<Krtd, WriteError> {
-    let text = std::fs::read_to_string(path).map_err(|source| WriteError::Io {
-        doing: "read",
-        source,
-        path: path.to_path_buf(),
-    })?;
+    let text = std::fs::read_to_string(path).map_err(WriteError::io("read", path))?;
     let fail = |what: &str| WriteError::malformed(path, what);
     let numbers: Vec<f64> = text
         .split_whitespace()

@@ -2,7 +2,7 @@
 //! otherwise without distortion.
 
 use roadplane_base::{Camera, CameraEstimate, ImageSize, Lens, SceneCurve};
-use roadplane_calibrate::{FuseOptions, LensFound, LensView, LogFocal, TurnedLens, WindowEstimate, fuse};
+use roadplane_calibrate::{FuseOptions, LensView, LogFocal, TurnedLens, WindowEstimate, fuse};
 
 use crate::cameras::memory::CameraHistory;
 use crate::{CameraConstraints, Config};
@@ -14,18 +14,16 @@ const TOLD_BEND_SD: f64 = 0.005;
 #[derive(Clone, Debug)]
 pub(crate) struct LensOfClip {
     /// The lens.
-    lens: Lens,
+    pub(crate) lens: Lens,
     /// Sd of the distortion (dimensionless); `None` where nothing determines the lens.
-    bend_sd: Option<f64>,
+    pub(crate) bend_sd: Option<f64>,
     /// Whether the lens comes from edges or turns of this clip.
-    is_of_edges: bool,
+    pub(crate) is_of_edges: bool,
     /// Mean and sd of the distortion without the edges (dimensionless).
-    turned: [f64; 2],
+    pub(crate) turned: [f64; 2],
     /// Likelihood of the distortion given the edges alone, and given edges and turns. `None` where the user or the
     /// configuration determines the lens.
     views: Option<[LensView; 2]>,
-    /// Size of the pictures.
-    size: ImageSize,
 }
 
 impl LensOfClip {
@@ -38,14 +36,8 @@ impl LensOfClip {
         recall: Option<&CameraHistory>,
         config: &Config,
     ) -> Self {
-        let straight = Self {
-            lens: Lens::STRAIGHT,
-            bend_sd: None,
-            is_of_edges: false,
-            turned: [0.0; 2],
-            views: None,
-            size,
-        };
+        let straight =
+            Self { lens: Lens::STRAIGHT, bend_sd: None, is_of_edges: false, turned: [0.0; 2], views: None };
         if let Some(lens) = known.lens(size) {
             let turned = [lens.distortion(size), TOLD_BEND_SD];
             return Self { lens, bend_sd: Some(TOLD_BEND_SD), turned, ..straight };
@@ -59,14 +51,13 @@ impl LensOfClip {
         let prior = config.solve.scene_options(known.focal_px()).camera_prior;
         let log_focal =
             known.focal_px().map_or([prior.mean(size).log_focal, prior.log_focal_sd], |f| [f.ln(), 0.0]);
-        let here = found(&views, log_focal).map(|found| {
+        let here = found(&views, log_focal);
+        if let Some((lens, sd)) = here {
             tracing::info!(
-                "the lens distortion is {:.3} ± {:.3} at the picture's side",
-                found.lens.distortion(size),
-                found.bend_sd
+                "the lens distortion is {:.3} ± {sd:.3} at the picture's side",
+                lens.distortion(size)
             );
-            (found.lens, found.bend_sd)
-        });
+        }
         let bend_sd = |lens: Lens| lens.distortion(size);
         let turned = LensView::of(&[], turned, size).distortion(log_focal);
         let before = recall.iter().flat_map(|recall| &recall.evidence);
@@ -76,7 +67,7 @@ impl LensOfClip {
         match all.reduce(|a, b| if b.1 < a.1 { b } else { a }) {
             Some((lens, sd)) => {
                 let is_of_edges = here == Some((lens, sd));
-                Self { lens, bend_sd: Some(sd), is_of_edges, turned, views: Some(views), size }
+                Self { lens, bend_sd: Some(sd), is_of_edges, turned, views: Some(views) }
             }
             None => Self { turned, views: Some(views), ..straight },
         }
@@ -95,26 +86,6 @@ impl LensOfClip {
         Self { lens: Lens::STRAIGHT, bend_sd: None, is_of_edges: false, ..self }
     }
 
-    /// Whether the lens comes from edges or turns of this clip.
-    pub(crate) fn is_of_edges(&self) -> bool {
-        self.is_of_edges
-    }
-
-    /// Returns the lens.
-    pub(crate) fn lens(&self) -> Lens {
-        self.lens
-    }
-
-    /// Returns the sd of the distortion (dimensionless); `None` where nothing determines the lens.
-    pub(crate) fn bend_sd(&self) -> Option<f64> {
-        self.bend_sd
-    }
-
-    /// Returns the mean and sd of the distortion without the edges (dimensionless).
-    pub(crate) fn turned(&self) -> [f64; 2] {
-        self.turned
-    }
-
     /// Adds the uncertainty of the lens and of the principal point to the errors that all cars share.
     ///
     /// If nothing determines the lens, its uncertainty depends on the width of the view, which the windows determine.
@@ -125,8 +96,9 @@ impl LensOfClip {
             .map_or([options.prior.params.log_focal, options.prior.sd[0]], |camera| log_focal_of(&camera));
         let silent = || self.views.as_ref().map_or(0.0, |[_, both]| both.sd_about(self.lens, log_focal));
         let bend_sd = self.bend_sd.unwrap_or_else(silent);
-        let point_sd_px = Camera::PRINCIPAL_POINT_SD * f64::from(self.size.width);
-        options.shared_sd[2] = Lens::with_distortion(bend_sd, self.size).per_px2;
+        let size = options.image_size_px;
+        let point_sd_px = Camera::PRINCIPAL_POINT_SD * f64::from(size.width);
+        options.shared_sd[2] = Lens::with_distortion(bend_sd, size).per_px2;
         options.shared_sd[3..].fill(point_sd_px);
         options
     }
@@ -135,7 +107,7 @@ impl LensOfClip {
 /// Returns the lens that the edges show or, if they show none, that edges and turns show together.
 ///
 /// Where edges and turns contradict each other, the clip so has the lens that it has at rest.
-fn found([edges, both]: &[LensView; 2], log_focal: LogFocal) -> Option<LensFound> {
+fn found([edges, both]: &[LensView; 2], log_focal: LogFocal) -> Option<(Lens, f64)> {
     edges.found(log_focal).or_else(|| both.found(log_focal))
 }
 

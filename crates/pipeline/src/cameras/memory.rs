@@ -235,9 +235,9 @@ pub fn stored_cameras(
     let size = |epoch: &Epoch<'_>| epoch.clips.first().map(|clip| clip.image_size_px);
     let any = evidence.first().map_or(ImageSize { width: 1, height: 1 }, |first| first.image_size_px);
     let epochs =
-        epochs(&evidence, &look, &fuse_options(any, 0, &CameraConstraints::default(), config).for_cars());
+        epochs(&evidence, &look, &fuse_options(any, 1, &CameraConstraints::default(), config).for_cars());
     let known = |epoch: &Epoch<'_>| {
-        let options = fuse_options(size(epoch)?, 0, &CameraConstraints::default(), config);
+        let options = fuse_options(size(epoch)?, 1, &CameraConstraints::default(), config);
         let estimate = fuse(&epoch.windows, &options).pop()?;
         Some(StoredCamera { clips: epoch.clips.iter().map(|e| e.clip.clone()).collect(), estimate })
     };

@@ -44,7 +44,7 @@ impl Optics {
     /// # Errors
     /// Errors of reading the file.
     pub(crate) fn with_lens(lens: LensOfClip, frames: &Path) -> Result<Self, PipelineError> {
-        let mut builder = PlacesBuilder::new(lens.lens(), lens.turned());
+        let mut builder = PlacesBuilder::new(lens.lens, lens.turned);
         for frame in FrameReader::open(frames)? {
             builder.push(&frame?);
         }

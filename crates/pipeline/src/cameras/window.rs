@@ -32,104 +32,76 @@ impl<'a> Solving<'a> {
 
     /// Solves a window and stores its results. A window without a usable solution is dropped.
     pub fn solve(&mut self, window: &Window, size: ImageSize, lens: Lens, focal_px: Option<f64>) {
-        let options = SceneOptions { start: self.start, lens, ..self.config.solve.scene_options(focal_px) };
-        if let Some(solved) = solve_window(window, self.atlas, size, &options, self.config) {
-            self.start = Some(solved.estimate.params);
-            self.parked.extend(solved.parked);
-            self.windows.push(solved.estimate);
-        }
-    }
-}
-
-/// A window's estimate, with its parked vehicles.
-struct SolvedWindow {
-    /// Estimate of the camera.
-    estimate: WindowEstimate,
-    /// Its parked vehicles.
-    parked: Vec<(CarIdentity, ParkedCar)>,
-}
-
-/// Solves one window; `None` without a usable solution.
-fn solve_window(
-    window: &Window,
-    atlas: &ShapeAtlas,
-    size: ImageSize,
-    options: &SceneOptions,
-    config: &Config,
-) -> Option<SolvedWindow> {
-    let mut links: Vec<_> = window.views.iter().map(|view| view.link).collect();
-    links.sort_unstable();
-    links.dedup();
-    let mut views: Vec<CarView<'_>> = window
-        .views
-        .iter()
-        .map(|view| CarView {
-            keypoints: &view.keypoints,
-            group: links.binary_search(&view.link).unwrap_or(0),
-            weight: view.weight,
-        })
-        .collect();
-    let mut solution = solve_scene(atlas, size, &views, options);
-    // A box without a car is recognised only when the plane is determined. Such boxes are removed, and the window is
-    // solved again.
-    let camera = Camera { lens: options.lens, ..Camera::centred(solution.params.focal_px(), size) };
-    let limits = config.solve.fit_limits();
-    let believed: Vec<bool> = window
-        .views
-        .iter()
-        .zip(&solution.cars)
-        .map(|(view, car)| {
-            car.as_ref().is_some_and(|car| {
-                let projected = projected_box(atlas, &camera, &car.camera_from_car, &car.shape);
-                limits.is_valid(projected, &view.bbox_px, car.reprojection_rms_px, &view.picture_px)
-            })
-        })
-        .collect();
-    let mut kept: Vec<&View> = window.views.iter().collect();
-    if solution.status.usable() && believed.contains(&false) && believed.contains(&true) {
-        let mut flags = believed.iter();
-        views.retain(|_| flags.next() == Some(&true));
-        kept = window
+        let (atlas, config) = (self.atlas, self.config);
+        let options = SceneOptions { start: self.start, lens, ..config.solve.scene_options(focal_px) };
+        let mut links: Vec<_> = window.views.iter().map(|view| view.link).collect();
+        links.sort_unstable();
+        links.dedup();
+        let mut views: Vec<CarView<'_>> = window
             .views
             .iter()
-            .zip(&believed)
-            .filter(|(_, believed)| **believed)
-            .map(|(view, _)| view)
+            .map(|view| CarView {
+                keypoints: &view.keypoints,
+                group: links.binary_search(&view.link).unwrap_or(0),
+                weight: view.weight,
+            })
             .collect();
-        let warm = SceneOptions { start: Some(solution.params), ..options.clone() };
-        solution = solve_scene(atlas, size, &views, &warm);
+        let mut solution = solve_scene(atlas, size, &views, &options);
+        // A box without a car is recognised only when the plane is determined. Such boxes are removed, and the window is
+        // solved again.
+        let camera = Camera { lens: options.lens, ..Camera::centred(solution.params.focal_px(), size) };
+        let limits = config.solve.fit_limits();
+        let believed: Vec<bool> = window
+            .views
+            .iter()
+            .zip(&solution.cars)
+            .map(|(view, car)| {
+                car.as_ref().is_some_and(|car| {
+                    let projected = projected_box(atlas, &camera, &car.camera_from_car, &car.shape);
+                    limits.is_valid(projected, &view.bbox_px, car.reprojection_rms_px, &view.picture_px)
+                })
+            })
+            .collect();
+        let mut kept: Vec<&View> = window.views.iter().collect();
+        if solution.status.usable() && believed.contains(&false) && believed.contains(&true) {
+            let mut flags = believed.iter();
+            views.retain(|_| flags.next() == Some(&true));
+            let mut flags = believed.iter();
+            kept.retain(|_| flags.next() == Some(&true));
+            let warm = SceneOptions { start: Some(solution.params), ..options.clone() };
+            solution = solve_scene(atlas, size, &views, &warm);
+        }
+        tracing::debug!(
+            status = ?solution.status, views = views.len(), cars = links.len(),
+            focal_px = solution.params.focal_px(), tilt_deg = solution.params.tilt.to_degrees(),
+            height_m = solution.params.log_height.exp(), "window solved"
+        );
+        if !solution.status.usable() {
+            return;
+        }
+        let used = kept.iter().zip(&solution.cars).filter(|(_, car)| car.as_ref().is_some_and(|c| c.used));
+        let used: Vec<&View> = used.map(|(view, _)| *view).collect();
+        let mut cars: Vec<CarUse> = used
+            .iter()
+            .map(|view| CarUse { car: CarIdentity::Clip(view.link), parked: view.parked })
+            .collect();
+        cars.sort_by_key(|used| used.car);
+        cars.dedup_by_key(|used| used.car);
+        let (params, joint) = solution.by_cars();
+        self.start = Some(params);
+        self.windows.push(WindowEstimate {
+            span_s: window.span_s,
+            frames: window.frames,
+            params,
+            joint,
+            cars,
+            segment: window.segment,
+            start: window.start,
+            steady: window.steady,
+        });
+        let parked = used.iter().filter(|view| view.parked);
+        self.parked.extend(parked.map(|view| (CarIdentity::Clip(view.link), parked_car(view))));
     }
-    tracing::debug!(
-        status = ?solution.status, views = views.len(), cars = links.len(),
-        focal_px = solution.params.focal_px(), tilt_deg = solution.params.tilt.to_degrees(),
-        height_m = solution.params.log_height.exp(), "window solved"
-    );
-    if !solution.status.usable() {
-        return None;
-    }
-    let used = kept.iter().zip(&solution.cars).filter(|(_, car)| car.as_ref().is_some_and(|c| c.used));
-    let used: Vec<&View> = used.map(|(view, _)| *view).collect();
-    let mut cars: Vec<CarUse> =
-        used.iter().map(|view| CarUse { car: CarIdentity::Clip(view.link), parked: view.parked }).collect();
-    cars.sort_by_key(|used| used.car);
-    cars.dedup_by_key(|used| used.car);
-    let (params, joint) = solution.by_cars();
-    let estimate = WindowEstimate {
-        span_s: window.span_s,
-        frames: window.frames,
-        params,
-        joint,
-        cars,
-        segment: window.segment,
-        start: window.start,
-        steady: window.steady,
-    };
-    let parked = used
-        .iter()
-        .filter(|view| view.parked)
-        .map(|view| (CarIdentity::Clip(view.link), parked_car(view)))
-        .collect();
-    Some(SolvedWindow { estimate, parked })
 }
 
 /// Returns a view as a parked car for the database, rounded to a tenth of a pixel.

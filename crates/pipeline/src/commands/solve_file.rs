@@ -88,13 +88,13 @@ pub fn solve_file(
             for frame in read("poses")? {
                 let frame = frame?;
                 if let Some(estimate) = cameras.at(frame.time_s) {
-                    poses.on_plane(&frame, estimate, any_car(&atlas, cameras.size_of_cars()))?;
+                    poses.on_plane(&frame, estimate, any_car(&atlas, cameras.size_of_cars))?;
                 }
             }
-            for warning in cameras.constraints().iter().filter_map(contradiction) {
+            for warning in cameras.known.iter().filter_map(contradiction) {
                 tracing::warn!("{warning}");
             }
-            estimates = cameras.estimates().to_vec();
+            estimates = cameras.estimates;
         }
         SolveMethod::PerFrame => {
             for frame in read("camera and poses")? {

@@ -153,9 +153,9 @@ pub(crate) fn write_report(
         .collect::<Result<_, PipelineError>>()?;
     // The background image shows the scene from the last position of the camera.
     let lines = background.and_then(|background| {
-        let scene = solution.cameras.empty_scene()?;
+        let scene = solution.cameras.empty_scene.as_ref()?;
         let view =
-            solution.cameras.scene().iter().find(|view| view.position == solution.cameras.last_position())?;
+            solution.cameras.scene.iter().find(|view| view.position == solution.cameras.last_position())?;
         let upright = &view.verticals.as_ref()?.upright;
         let lines: Vec<SceneLine> = view.lines.iter().map(|line| scene.line(line)).collect();
         Some(with_lines(background, lines.iter().zip(upright.iter().copied())))
@@ -174,7 +174,7 @@ pub(crate) fn write_report(
         .iter()
         .map(|still| solution.views.at_ms(still.time_ms).map(|view| view.homography.numbers()))
         .collect();
-    let is_estimated = !solution.cameras.estimates().is_empty();
+    let is_estimated = !solution.cameras.estimates.is_empty();
     let plain: Vec<PlainFrame<'_>> = samples
         .iter()
         .map(|&(frame, time_s, ref picture)| PlainFrame {
@@ -186,7 +186,7 @@ pub(crate) fn write_report(
         .collect();
     let page = report_html(&ReportInput {
         title,
-        cameras: solution.cameras.estimates(),
+        cameras: &solution.cameras.estimates,
         rows: &solution.rows,
         samples: &drawn,
         frames: &plain,
@@ -306,7 +306,7 @@ pub fn render_run(
     let config = &as_run(&summary, config);
     let file = read_camera(&run.join("camera.json"))?;
     let estimates: Vec<CameraEstimate> = file.all().iter().map(|segment| segment.estimate()).collect();
-    let (cameras, views) = (CameraTrack::from_estimates(estimates), Views::from_file(&file));
+    let (cameras, views) = (CameraTrack { estimates, ..CameraTrack::default() }, Views::from_file(&file));
     let mut shapes = BTreeMap::new();
     for pose in read_jsonl::<roadplane_base::PoseRecord>(&run.join("poses.jsonl"))? {
         let pose = pose?;
@@ -366,7 +366,7 @@ mod tests {
         let rows: Vec<TrackRow> = (0..600).map(row).collect();
         let ground = || ground_of(rows.iter().cloned().map(Ok)).unwrap();
         let (atlas, shapes, views) = (ShapeAtlas::shipped().unwrap(), BTreeMap::new(), Views::default());
-        let cameras = CameraTrack::from_estimates(vec![estimate([0.01; 4])]);
+        let cameras = CameraTrack { estimates: vec![estimate([0.01; 4])], ..CameraTrack::default() };
         let scene = |from: usize| {
             let rows = rows[from..].iter().cloned().map(Ok);
             Scene::new(Drawn { cameras: &cameras, views: &views, shapes: &shapes }, rows, ground(), &atlas)

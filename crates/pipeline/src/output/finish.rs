@@ -73,7 +73,7 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
     }
     progress.phase("writing");
     write_camera_and_place(folder, &solution)?;
-    if let Some(evidence) = solution.cameras.evidence() {
+    if let Some(evidence) = &solution.cameras.said {
         write_evidence(&folder.join(EVIDENCE), evidence)?;
     }
     let mut summary = summary_of(perceived, &solution, config);
@@ -196,14 +196,14 @@ pub fn note_solution(summary: &mut Summary, solution: &ClipSolution) {
     summary.status = solution.status(summary.status == RunStatus::InputDamaged);
     summary.exit_code = if summary.status == RunStatus::Complete { 0 } else { 3 };
     solution.not_followed.note(summary);
-    summary.known = solution.cameras.constraints().to_vec();
-    summary.scene_lines = solution.cameras.scene().iter().map(lines_summary).collect();
+    summary.known = solution.cameras.known.clone();
+    summary.scene_lines = solution.cameras.scene.iter().map(lines_summary).collect();
     summary.warnings.extend(solution.warnings.iter().cloned());
 }
 
 /// Writes `camera.json` and, if the camera has a position on the map, `place.json`.
 pub(crate) fn write_camera_and_place(folder: &Path, solution: &ClipSolution) -> Result<(), PipelineError> {
-    write_camera(&folder.join("camera.json"), solution.cameras.estimates(), solution.views.to_file())?;
+    write_camera(&folder.join("camera.json"), &solution.cameras.estimates, solution.views.to_file())?;
     if let Some(place) = &solution.place {
         write_json(&folder.join("place.json"), &place.fit)?;
     }

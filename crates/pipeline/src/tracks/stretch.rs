@@ -14,8 +14,7 @@ use crate::stream::cadence::{RESET_S, interval_of};
 
 /// Approximate largest number of rows of a chunk. A row takes about 500 bytes during processing.
 pub(crate) const MOST_ROWS: u64 = 1_000_000;
-/// Overlap of a chunk beyond its seams, s. Tracks bridge gaps of `track.max_hidden_s`, and begin at the nets' full
-/// minutes.
+/// Overlap of a chunk beyond its seams, s. Tracks bridge gaps of as much, and begin at the nets' full minutes.
 const OVERLAP_S: f64 = RESET_S;
 /// Least length of a chunk, minutes. The overlaps are tracked twice, so shorter chunks are wasteful.
 const LEAST_MINUTES: u64 = 5;
@@ -236,7 +235,6 @@ mod tests {
         let state = |second: u64| TrackState {
             stamp: FrameStamp { index: second, pts_nanos: second.cast_signed() * 1_000_000_000 },
             observed: true,
-            held: false,
             pose: GroundPose { x_m: 0.0, y_m: 20.0, heading_rad: 0.0 },
             pose_sd: Vector3::repeat(0.1),
             speed_mps: 0.0,
@@ -244,7 +242,6 @@ mod tests {
             bbox_px: None,
             score: 1.0,
             car: Some(car),
-            lacks_keypoints: false,
         };
         Track {
             id: 0,

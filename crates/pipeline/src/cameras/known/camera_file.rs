@@ -8,8 +8,8 @@ use roadplane_write::{WriteError, read_camera};
 use yaml_rust2::{Yaml, YamlLoader};
 
 use super::measured::{GUESSED_HEIGHT_SHARE, GUESSED_TILT_SD_DEG};
+use crate::cameras::joining::POPULATION_LOG_SD;
 use crate::cameras::krtd::read_krtd;
-use crate::cameras::population::POPULATION_LOG_SD;
 
 /// Variance of a number without an sd in the file (log² or rad²).
 const UNKNOWN_VARIANCE: f64 = 1e4;
@@ -121,11 +121,7 @@ fn krtd(path: &Path) -> Result<CameraOfFile, WriteError> {
 
 /// Reads `camera_matrix` of a calibration by OpenCV or ROS; its focal length is exact.
 fn opencv(path: &Path) -> Result<CameraOfFile, WriteError> {
-    let text = std::fs::read_to_string(path).map_err(|source| WriteError::Io {
-        doing: "read",
-        source,
-        path: path.to_path_buf(),
-    })?;
+    let text = std::fs::read_to_string(path).map_err(WriteError::io("read", path))?;
     // The first line of OpenCV's files, `%YAML:1.0`, is not valid YAML.
     let body = text.strip_prefix("%YAML:1.0").unwrap_or(&text);
     let documents = YamlLoader::load_from_str(body).map_err(|e| WriteError::malformed(path, e))?;
