@@ -20,8 +20,8 @@ use crate::{Body, FrameCamera, LEAST_M, body_box, body_of, cut_edges, either};
 const HEADINGS: usize = 8;
 /// Largest number of Gauss–Newton rounds of a fit.
 const ROUNDS: usize = 8;
-/// Step of numerical derivatives, m.
-const STEP: f64 = 1e-3;
+/// Step of numerical derivatives, m and rad.
+pub const STEP: f64 = 1e-3;
 
 /// Returns the probability of each class in a box of a label. Detectors take cars for trucks more often than the
 /// reverse.
@@ -35,8 +35,8 @@ fn prior(label: VehicleClass) -> &'static [(VehicleClass, f64)] {
     }
 }
 
-/// Least sd of a track's heading at one time, rad.
-const LEAST_HEADING_SD_RAD: f64 = 0.05;
+/// Least sd of a heading at one time, rad: that of a track, or of a direction of travel.
+pub const LEAST_HEADING_SD_RAD: f64 = 0.1;
 
 /// Prior information about the vehicle in a box.
 #[derive(Clone, Copy, Debug)]

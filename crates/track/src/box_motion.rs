@@ -5,8 +5,9 @@ use roadplane_base::{bbox_centre, bbox_moved};
 
 /// Time constant of the velocity's average, s.
 const MEMORY_S: f64 = 0.25;
-/// Time without a detection after which the motion is no longer known, s.
-pub(crate) const UNSEEN_S: f64 = 0.6;
+/// Longest time without a detection for which a driving vehicle is followed, s: then its motion is no longer known. After a
+/// longer gap only the joint linking of tracklets (`link.rs`) can find it again.
+pub(crate) const COAST_S: f64 = 0.4;
 
 /// The last box of a vehicle, and the velocity of the box's centre.
 #[derive(Clone, Debug)]

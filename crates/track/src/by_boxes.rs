@@ -10,12 +10,13 @@
 
 use nalgebra::{Matrix5, SMatrix, SVector, Vector3, Vector4, Vector5};
 use roadplane_base::{FrameStamp, GroundPose, VehicleClass, upper_median};
-use roadplane_measure::{EDGE_SD_PX, EDGE_SD_SHARE, Edge, LEAST_M, OUTLINE_SD, OUTWARD, REACH};
+use roadplane_measure::{EDGE_SD_PX, EDGE_SD_SHARE, Edge, LEAST_M, OUTLINE_SD, OUTWARD, REACH, STEP};
 
 use crate::{
     Scene,
     chain::Blocks,
     measurement::{Sighting, Size},
+    noise::COMMON_SHARE,
     vehicle::{Node, State, Vehicle, origin},
 };
 
@@ -27,14 +28,9 @@ type Shared = SVector<f64, SHARED>;
 /// Second derivatives by one state (rows) and the shared unknowns (columns).
 type Border = SMatrix<f64, 5, SHARED>;
 
-/// Correlation of the errors of observations from about one position. Correlated observations count as fewer (design
-/// effect: Kish 1965, "Survey Sampling").
-const CORRELATION: f64 = 0.5;
 /// Factors on the sd of the edges, one per stage. At first edges count as less certain, so that hidden parts show
 /// before they mislead (graduated non-convexity: Blake and Zisserman 1987).
 const EASED: [f64; 3] = [8.0, 3.0, 1.0];
-/// Step of numerical derivatives, m and rad.
-const STEP: f64 = 1e-3;
 /// Largest number of Levenberg–Marquardt rounds per stage.
 const MAX_ROUNDS: usize = 30;
 /// Least gain of a step, in units of the cost. A descent ends where a step gains less.
@@ -86,7 +82,7 @@ impl Look {
                 sd_px: EDGE_SD_PX + EDGE_SD_SHARE * side_px,
                 hidden: Edge::hidden(is_cut, !is_own),
                 reach_px: REACH * side_px,
-                looks: count / (1.0 + (together.max(count) - 1.0) * CORRELATION),
+                looks: count / (1.0 + (together.max(count) - 1.0) * COMMON_SHARE),
             }
         });
         Some(Self { stamp: stamp(first), edges, side_px, count: looks.len() as f64 })

@@ -12,12 +12,11 @@ use roadplane_measure::cut_edges;
 use crate::{
     BoxSighting,
     delays::{DelayVariance, Delays},
+    expected::TOUCHING,
     frames::BoxesByFrame,
     picture_chains::chains,
 };
 
-/// Least overlap of a vehicle's next box with the expected one (IoU). At a wrong time stamp, it may be far off.
-const LEAST_OVERLAP: f64 = 0.05;
 /// Least time between two pictures, as a share of the time between their time stamps. It keeps their order.
 const LEAST_SHARE: f64 = 0.2;
 /// Number of boxes and frames that are kept until their delays are estimated. It bounds the memory of long clips to
@@ -133,7 +132,7 @@ impl ClockReader {
     fn estimate(&mut self) {
         let (times_s, boxes) = (std::mem::take(&mut self.times_s), std::mem::take(&mut self.boxes));
         self.count = 0;
-        let delays = Delays::of(&chains(&boxes, &[], &times_s, LEAST_OVERLAP), &times_s);
+        let delays = Delays::of(&chains(&boxes, &[], &times_s, TOUCHING), &times_s);
         self.variance.add(&delays);
         let found = self.variance.sd_s().map(|sd_s| delays.estimate(sd_s));
         for (i, time_s) in times_s.into_iter().enumerate() {

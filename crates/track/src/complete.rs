@@ -7,18 +7,17 @@ use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass};
 
 use crate::{
     BoxSighting, Evidence, ExpectedVehicle, Join, Placed, Track, TrackOptions, TrackState,
+    box_motion::COAST_S,
     by_boxes::Body,
     duplicates::{merge_duplicates, merge_smoothed},
-    expected::COAST_S,
     frames::{BoxesByFrame, Frames},
     link::link,
     measurement::{Sighting, Size},
     parts::parts,
     placed_boxes::add_boxes,
-    raw_track::{Link, RawTrack},
+    raw_track::{CONFIRM_HITS, Link, RawTrack},
     smooth::smooth_track,
     smooth_boxes::smooth_by_boxes,
-    tracker::CONFIRM_HITS,
     vehicle::HALF_WHEELBASE_M,
 };
 

@@ -5,11 +5,9 @@ use nalgebra::Vector3;
 use crate::{
     TrackState,
     measurement::Sighting,
-    raw_track::{Link, RawTrack, in_one_place, same_car},
+    raw_track::{CONFIRM_HITS, Link, RawTrack, in_one_place, same_car},
 };
 
-/// Least number of detections of the weaker track that must coincide with the stronger track's.
-const FEWEST_SHARED: usize = 3;
 /// Share of the weaker track's detections during the stronger track's life that must coincide, 0–1.
 const MIN_SHARED: f64 = 0.5;
 /// Longest time between two detections that are compared, s.
@@ -77,7 +75,7 @@ fn by_strength(mut tracks: Vec<RawTrack>) -> Vec<RawTrack> {
 fn coincide(strong: &RawTrack, weak: &RawTrack, same: impl Fn(&Sighting, &Sighting) -> bool) -> bool {
     let together: Vec<&Sighting> = weak.observations.iter().filter(|o| lives(strong, o.time_s)).collect();
     let shared = together.iter().filter(|o| at(strong, o).is_some_and(|near| same(near, o))).count();
-    shared >= FEWEST_SHARED.min(weak.observations.len()) && shared as f64 > MIN_SHARED * together.len() as f64
+    shared >= CONFIRM_HITS.min(weak.observations.len()) && shared as f64 > MIN_SHARED * together.len() as f64
 }
 
 /// Whether a time (s) lies between a track's first and last detection, or near them.

@@ -10,12 +10,11 @@ use nalgebra::{SVector, Vector2};
 use roadplane_base::{VehicleClass, bbox_iou};
 
 use crate::{
+    filter::MOTION_S,
     measurement::Sighting,
     numbers::{FEATURES, NUMBERS, sigmoid},
 };
 
-/// Longest time between two detections between which motion counts as observed, s.
-const OBSERVED_S: f64 = 1.0;
 /// Scale of a displacement, m. Far away, positions of stationary objects jitter by about as much.
 const MOVED_M: f64 = 3.0;
 /// Median distance (rms) of a car's keypoints from their projections, as a share of the box's longer side: rendered clips.
@@ -107,7 +106,7 @@ fn log_odds(score: f64) -> f64 {
 
 /// Returns how far a track moves within a time in which it is observed. Clutter never leaves its box.
 fn moved(sightings: &[Sighting], at: impl Fn(&Sighting) -> Option<Vector2<f64>>) -> f64 {
-    let near = |a: &Sighting, b: &Sighting| b.time_s - a.time_s <= OBSERVED_S;
+    let near = |a: &Sighting, b: &Sighting| b.time_s - a.time_s <= MOTION_S;
     let of_part = |part: &[Sighting]| {
         let (from, to) = part.first().zip(part.last())?;
         let way = at(to)? - at(from)?;

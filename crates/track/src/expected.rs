@@ -3,14 +3,11 @@
 use roadplane_base::{bbox_iou, bbox_part_seen};
 
 use crate::{
-    box_motion::{BoxMotion, UNSEEN_S},
+    box_motion::{BoxMotion, COAST_S},
     filter::{Filter, GATE},
     measurement::Sighting,
 };
 
-/// Longest time for which a driving vehicle is followed without a detection, s. After a longer gap only the joint linking
-/// of tracklets (`link.rs`) can find it again.
-pub(crate) const COAST_S: f64 = 0.4;
 /// Longest time for which a vehicle may be hidden, s.
 pub(crate) const HIDDEN_S: f64 = 60.0;
 /// Cost above which it is more probable that the vehicle is not detected. Pose and overlap contribute up to 0.5 each.
@@ -22,7 +19,7 @@ const INWARD: f64 = 0.1;
 /// Sd from which on a position says little, m. The boxes must then overlap by `TOUCHING`.
 const VAGUE_M: f64 = 1.5;
 /// Least overlap (IoU) of boxes where the position is vague.
-const TOUCHING: f64 = 0.05;
+pub(crate) const TOUCHING: f64 = 0.05;
 /// Overlap (IoU) of boxes that makes a pair, even where the pose is wrong.
 pub(crate) const SURE_OVERLAP: f64 = 0.5;
 
@@ -90,7 +87,7 @@ impl Expected {
         if self.filter.is_still() {
             return Some(self.rest_px);
         }
-        (self.unseen_s(time_s) <= UNSEEN_S).then(|| self.motion.at(time_s))
+        (self.unseen_s(time_s) <= COAST_S).then(|| self.motion.at(time_s))
     }
 
     /// Returns the cost of a detection: 0 for a perfect match, [`ALONE`] and above for none.

@@ -11,7 +11,7 @@ const KEYPOINT_ODDS: f64 = 4.0;
 /// Log odds per metre of driving ahead. Some drivers reverse for ten metres, hardly any for fifty.
 const ODDS_PER_M: f64 = 0.4;
 /// Least distance that is clearly motion and not jitter, m.
-const STEP_M: f64 = 1.0;
+pub(crate) const STEP_M: f64 = 1.0;
 
 /// Log odds below which the front is undetermined.
 const KNOWN_ODDS: f64 = 1.0;

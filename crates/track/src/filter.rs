@@ -6,10 +6,10 @@
 use nalgebra::{Matrix2, Matrix2x4, Matrix3, Matrix4, Vector2, Vector3, Vector4};
 use roadplane_base::fold_axis;
 
-use crate::box_motion::UNSEEN_S;
+use crate::box_motion::COAST_S;
 
 /// Power of the white acceleration, m²/s³.
-const ACCELERATION_POWER: f64 = 4.0;
+pub(crate) const ACCELERATION_POWER: f64 = 4.0;
 /// Sd of each velocity component of a vehicle, m/s.
 pub(crate) const SPEED_SD: f64 = 8.0;
 /// Sd of each velocity component of a stationary vehicle, m/s.
@@ -18,10 +18,10 @@ pub(crate) const STANDING_SPEED_SD: f64 = 0.2;
 const TURN_POWER: f64 = 0.25;
 /// Power of the wandering of a parked car, m²/s. It allows for estimates that still settle.
 const STILL_POWER: f64 = 4e-4;
-/// Greatest distance that a stationary car seems to move, m.
+/// Greatest distance that a stationary car seems to move, and sd of that by which a creeping one leaves its line, m.
 pub(crate) const STILL_M: f64 = 0.5;
-/// Time within `STILL_M` after which a car counts as stationary, s.
-const STILL_S: f64 = 1.0;
+/// Time over which motion is measured, s. A car that stays within [`STILL_M`] for so long counts as stationary.
+pub(crate) const MOTION_S: f64 = 1.0;
 /// Squared Mahalanobis distance of (x, y, heading) up to which a measurement may belong to a track, without unit.
 pub(crate) const GATE: f64 = 20.0;
 
@@ -85,7 +85,7 @@ impl Filter {
 
     /// Whether the car is stationary.
     pub(crate) fn is_still(&self) -> bool {
-        self.time_s - self.anchor_s >= STILL_S
+        self.time_s - self.anchor_s >= MOTION_S
     }
 
     /// Returns the squared Mahalanobis distance of a measurement. The car may have stopped or driven on;
@@ -100,7 +100,7 @@ impl Filter {
             position + heading
         };
         let driving = || to(&self.driving(time_s));
-        match (self.is_still(), time_s - self.time_s > UNSEEN_S) {
+        match (self.is_still(), time_s - self.time_s > COAST_S) {
             (false, _) => driving(),
             (true, false) => driving().min(to(&self.standing(time_s))),
             (true, true) => to(&self.standing(time_s)),
@@ -117,7 +117,7 @@ impl Filter {
             let standing = self.standing(time_s);
             let away = pose.xy() - standing.state.xy();
             let spread = standing.covariance.fixed_view::<2, 2>(0, 0) + noise;
-            time_s - self.time_s > UNSEEN_S
+            time_s - self.time_s > COAST_S
                 || spread.try_inverse().is_some_and(|s| away.dot(&(s * away)) < GATE)
         };
         let Prediction { state, covariance: p, axis_variance } =

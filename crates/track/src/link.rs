@@ -30,20 +30,16 @@ use roadplane_base::{assign, fold_axis, upper_median};
 
 use crate::{
     expected::HIDDEN_S,
-    filter::{SPEED_SD, STANDING_SPEED_SD, STILL_M},
+    filter::{ACCELERATION_POWER, MOTION_S, SPEED_SD, STANDING_SPEED_SD, STILL_M},
     measurement::Sighting,
+    noise::COMMON_SHARE,
     numbers::sigmoid,
     raw_track::{Link, RawTrack, VOTES},
+    shape::VIEW_TURN,
 };
 
-/// Duration of the end of a tracklet from which its motion is estimated, s.
-const END_S: f64 = 1.0;
-/// Share of a detection's variance that is common to neighbouring detections, 0–1.
-const SHARED: f64 = 0.5;
 /// Share of vehicles that are stationary when they are first found, 0–1.
 const STANDING_SHARE: f64 = 0.1;
-/// Power of the white acceleration of a vehicle that drives undetected, m²/s³.
-const ACCELERATION_POWER: f64 = 3.0;
 /// Mean time for which a stationary or creeping vehicle stays undetected, s (exponential distribution).
 const STANDS_S: f64 = 20.0;
 /// Mean time for which a driving vehicle stays undetected, s (exponential distribution).
@@ -52,8 +48,6 @@ const DRIVES_S: f64 = 1.2;
 const SHARES: [f64; 3] = [0.4, 0.45, 0.15];
 /// Greatest speed of creeping, m/s.
 const CREEP_MPS: f64 = 2.5;
-/// Sd of the distance by which a creeping vehicle leaves its line, m.
-const LINE_M: f64 = 0.6;
 /// Density of vehicles that appear anywhere, per m².
 const APPEARS: f64 = 2e-5;
 /// Sd of the distance at which tracklets begin at one place, m: half the width of a lane.
@@ -236,7 +230,7 @@ impl End {
     fn of(track: &RawTrack, last: bool) -> Self {
         let all = &track.observations;
         let edge = if last { &all[all.len() - 1] } else { &all[0] };
-        let near = |o: &&Sighting| (o.time_s - edge.time_s).abs() <= END_S;
+        let near = |o: &&Sighting| (o.time_s - edge.time_s).abs() <= MOTION_S;
         let part: Vec<&Sighting> = all.iter().filter(near).collect();
         let (state, covariance) = motion(&part, edge.time_s);
         let mut axis = Vector2::zeros();
@@ -298,8 +292,8 @@ fn motion(part: &[&Sighting], time_s: f64) -> (Vector4<f64>, Matrix4<f64>) {
     let mut shared = Matrix2::zeros();
     for o in part {
         let covariance = o.covariance.fixed_view::<2, 2>(0, 0).into_owned();
-        shared += covariance * (SHARED / part.len() as f64);
-        let Some(precision) = (covariance * (1.0 - SHARED)).try_inverse() else { continue };
+        shared += covariance * (COMMON_SHARE / part.len() as f64);
+        let Some(precision) = (covariance * (1.0 - COMMON_SHARE)).try_inverse() else { continue };
         let dt = o.time_s - time_s;
         information.fixed_view_mut::<2, 2>(0, 0).add_assign(&precision);
         information.fixed_view_mut::<2, 2>(0, 2).add_assign(&(precision * dt));
@@ -374,7 +368,7 @@ fn creep_density(end: &End, start: &End, way: &Vector2<f64>, places: &Matrix2<f6
     let beyond = if along < 0.0 { along } else { (along - reach).max(0.0) };
     let outside = (-0.5 * beyond * beyond / (sd(&ahead) + 0.25)).exp();
     let off = way.dot(&aside);
-    let variance = sd(&aside) + LINE_M * LINE_M;
+    let variance = sd(&aside) + STILL_M * STILL_M;
     let on_line = (-0.5 * off * off / variance).exp() / (2.0 * PI * variance).sqrt();
     let after = density(
         &start.velocity(),
@@ -399,7 +393,7 @@ fn class_gain(end: &End, start: &End) -> f64 {
 
 /// Returns the log likelihood ratio of the sizes, at most 0. Different views show different sizes.
 fn size_gain(end: &End, start: &End) -> f64 {
-    let turned = fold_axis(start.axis - end.axis).abs() > 0.4;
+    let turned = fold_axis(start.axis - end.axis).abs() > VIEW_TURN;
     let sd = if turned || end.at_edge || start.at_edge { TURNED_SIZE_SD } else { SIZE_SD };
     let off = (start.log_size - end.log_size) / sd;
     -0.5 * (off * off).min(25.0)

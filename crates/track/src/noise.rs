@@ -12,8 +12,11 @@ pub(crate) struct Noise {
     pub correlation: f64,
 }
 
-/// Number of detections below which the scatter is not measured.
-const MIN_SIGHTINGS: usize = 8;
+/// Share of the variance that is common to observations from about one position, 0–1. Such observations count as fewer
+/// (design effect: Kish 1965, "Survey Sampling").
+pub(crate) const COMMON_SHARE: f64 = 0.5;
+/// Least number of detections from which scatter or motion is measured.
+pub(crate) const MIN_SIGHTINGS: usize = 5;
 
 impl Noise {
     /// Measures the split from squared, whitened residuals. Their mean is 3 · `free` if R is all white. `own` is their

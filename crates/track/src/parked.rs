@@ -1,15 +1,14 @@
 //! Estimates the one pose of a stationary car: a robust, information-weighted mean of its detections.
 
 use nalgebra::{Matrix3, Vector3};
-use roadplane_base::{StudentT, fold_axis, upper_median};
+use roadplane_base::{fold_axis, upper_median};
 
 use crate::{
     measurement::Sighting,
     noise::{Noise, given_heading},
+    vehicle::SCATTER,
 };
 
-/// Distribution of the detected poses. Half-hidden cars give some poses that are far off.
-const SCATTER: StudentT = StudentT { dimensions: 3.0 };
 /// Largest number of rounds of reweighting.
 const ROUNDS: usize = 20;
 
@@ -74,7 +73,7 @@ fn start(sightings: &[Sighting]) -> Option<Vector3<f64>> {
         upper_median(&mut sightings.iter().map(|o| o.pose[axis]).collect::<Vec<_>>(), f64::total_cmp)
     };
     let (sin, cos) = sightings.iter().fold((0.0, 0.0), |(s, c), o| {
-        let weight = 1.0 / o.covariance[(2, 2)].max(1e-6);
+        let weight = 1.0 / o.covariance[(2, 2)];
         let (sin, cos) = (2.0 * o.pose.z).sin_cos();
         (s + weight * sin, c + weight * cos)
     });

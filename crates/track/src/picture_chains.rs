@@ -13,18 +13,16 @@ use roadplane_base::{bbox_centre, bbox_iou};
 
 use crate::{
     BoxSighting,
-    box_motion::{BoxMotion, UNSEEN_S},
+    box_motion::{BoxMotion, COAST_S},
     expected::SURE_OVERLAP,
     frames::BoxesByFrame,
-    raw_track::RawTrack,
+    raw_track::{CONFIRM_HITS, RawTrack},
 };
 
 /// Time without a box after which a chain ends, even if it hardly moves, s.
 const MAX_GAP_S: f64 = 3.0;
 /// Length of one step of a chain's path in the picture, in box sizes (square root of the area).
 const STEP_SIZES: f64 = 0.5;
-/// Least number of steps of a chain that moves on.
-const MIN_STEPS: usize = 3;
 
 /// Boxes of one possible vehicle, at most one per frame.
 pub(crate) struct Chain {
@@ -47,7 +45,7 @@ impl Chain {
     fn is_lost(&self, time_s: f64) -> bool {
         let (last_px, unseen_s) = (self.motion.last_px(), self.motion.unseen_s(time_s));
         let moved_px = (bbox_centre(&self.motion.at(time_s)) - bbox_centre(last_px)).norm();
-        unseen_s > UNSEEN_S && (unseen_s > MAX_GAP_S || moved_px > STEP_SIZES * size_px(last_px))
+        unseen_s > COAST_S && (unseen_s > MAX_GAP_S || moved_px > STEP_SIZES * size_px(last_px))
     }
 
     /// Whether the chain moves on in the picture, in several steps.
@@ -62,7 +60,7 @@ impl Chain {
                 from = to;
             }
         }
-        steps >= MIN_STEPS
+        steps >= CONFIRM_HITS
     }
 }
 

@@ -7,21 +7,18 @@ use std::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 use roadplane_base::{Shape, VehicleClass};
+use roadplane_measure::LEAST_HEADING_SD_RAD;
 
 use crate::{
     BoxSighting, ExpectedVehicle, Placed, Scene,
     expected::SURE_OVERLAP,
+    filter::MOTION_S,
     frames::{BoxesByFrame, Frames},
     measurement::Sighting,
     picture_chains::{Chain, chains},
     raw_track::{RawTrack, votes_of},
     smooth_boxes::STANDING_MPS,
 };
-
-/// Half of the time whose positions show the direction of travel, s.
-const HEADING_S: f64 = 1.0;
-/// Sd of a heading that comes from the direction of travel, rad.
-const DRIVEN_HEADING_SD: f64 = 0.15;
 
 /// Adds tracklets, made of boxes that no given tracklet has. Boxes between the detections of a tracklet become
 /// detections of it.
@@ -73,7 +70,7 @@ fn of_vehicle(
         track.observations.iter().map(|seen| [seen.time_s, seen.pose.x, seen.pose.y]).collect();
     let heading = |time_s: f64| {
         let near = nearest(&track.observations, time_s, |seen| seen.time_s)?;
-        let driven = way(&places, near.time_s).map(|way| [way, DRIVEN_HEADING_SD]);
+        let driven = way(&places, near.time_s).map(|way| [way, LEAST_HEADING_SD_RAD]);
         Some(driven.unwrap_or([near.pose.z, near.covariance[(2, 2)].sqrt()]))
     };
     sightings(boxes, &vehicle, heading, frames, scene)
@@ -111,7 +108,7 @@ fn alone(chain: &Chain, frames: &Frames, scene: &impl Scene) -> Option<RawTrack>
     }
     let heading = |time_s: f64| {
         let [_, way] = *nearest(&ways, time_s, |way| way[0])?;
-        Some([way, DRIVEN_HEADING_SD])
+        Some([way, LEAST_HEADING_SD_RAD])
     };
     RawTrack::by_boxes(sightings(boxes, &vehicle, heading, frames, scene), boxes, &dims)
 }
@@ -162,7 +159,7 @@ fn class(boxes: &[(usize, BoxSighting)]) -> VehicleClass {
 /// where the vehicle is too slow.
 fn way(places: &[[f64; 3]], at_s: f64) -> Option<f64> {
     let (mut normal, mut right) = (Matrix2::zeros(), [Vector2::zeros(), Vector2::zeros()]);
-    for [time_s, x, y] in places.iter().filter(|place| (place[0] - at_s).abs() <= HEADING_S) {
+    for [time_s, x, y] in places.iter().filter(|place| (place[0] - at_s).abs() <= MOTION_S) {
         let basis = Vector2::new(1.0, time_s - at_s);
         normal += basis * basis.transpose();
         right[0] += basis * *x;

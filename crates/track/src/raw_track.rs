@@ -5,8 +5,10 @@ use std::collections::BTreeMap;
 use nalgebra::Vector3;
 use roadplane_base::{VehicleClass, bbox_covered, bbox_iou};
 
-use crate::{BoxSighting, CarMeasurement, measurement::Sighting, shape::ShapeSum};
+use crate::{BoxSighting, CarMeasurement, expected::SURE_OVERLAP, measurement::Sighting, shape::ShapeSum};
 
+/// Least number of detections that show more than chance.
+pub(crate) const CONFIRM_HITS: usize = 3;
 /// Length and width of the ground that a car covers, m.
 const CAR_M: [f64; 2] = [4.4, 1.8];
 /// Largest share of a car's ground that measurements of two different cars have in common, 0–1. Two cars side by side
@@ -180,7 +182,7 @@ pub(crate) fn votes_of(boxes: &[(usize, BoxSighting)]) -> BTreeMap<VehicleClass,
 /// Whether two detections are of one car: their boxes overlap much, at about the same position.
 pub(crate) fn same_car(a: &Sighting, b: &Sighting) -> bool {
     let iou = bbox_iou(&a.bbox_px, &b.bbox_px);
-    let overlap = iou > 0.5 || bbox_covered(&a.bbox_px, &b.bbox_px) > 0.8;
+    let overlap = iou > SURE_OVERLAP || bbox_covered(&a.bbox_px, &b.bbox_px) > 0.8;
     in_one_place(&a.pose, &a.bbox_px, &b.pose, &b.bbox_px) || (overlap && share_space(a, b))
 }
 

@@ -8,7 +8,7 @@ use crate::{
     by_boxes::{Body, ByBoxes, Look},
     measurement::{Sighting, Size},
     parked::stand,
-    stops::{MIN_STAND_S, close_gaps, runs},
+    stops::{close_gaps, runs},
     vehicle::Node,
     way::{Place, Way, per_view, places},
 };
@@ -71,12 +71,12 @@ pub(crate) fn smooth_by_boxes(
     // First assume that it drove in every measured frame: the whole path determines speeds better than one second of it
     // does.
     let mut moving: Vec<bool> = sightings.iter().map(|seen| !seen.held).collect();
-    close_gaps(&mut moving, sightings, MIN_STAND_S);
+    close_gaps(&mut moving, sightings);
     let (drive, size) = solve(&by_poses, &moving, body.start_m)?;
     for (seen, moving) in sightings.iter().zip(&mut moving) {
         *moving &= drive.state_at(seen.time_s)?[3].abs() >= STANDING_MPS;
     }
-    close_gaps(&mut moving, sightings, MIN_STAND_S);
+    close_gaps(&mut moving, sightings);
     let (way, size) = solve(&drive, &moving, size.dims_m)?;
     let states = way.states(sightings, stamps, half_wheelbase_m, |place| {
         let is_measured = sightings[place.sightings.clone()].iter().any(by_pose);

@@ -4,15 +4,13 @@ use nalgebra::Vector3;
 use roadplane_base::fold_axis;
 
 use crate::{
-    facing::{Facing, facing},
+    facing::{Facing, STEP_M, facing},
+    filter::MOTION_S,
     measurement::Sighting,
     parked::Stand,
     vehicle::{State, state_at},
     way::Place,
 };
-
-/// Half of the time over which a path counts as straight, s.
-const WAY_S: f64 = 0.5;
 
 /// Returns the states to start from, and the disambiguated heading. Positions are the detected ones, slightly averaged.
 /// The axis comes from motion where there is some, else from keypoints. The front comes from both.
@@ -68,10 +66,10 @@ fn axes(sightings: &[Sighting], averaged: &[Vector3<f64>], stands: &[Option<Stan
 fn way_at(sightings: &[Sighting], averaged: &[Vector3<f64>], i: usize) -> Option<f64> {
     let time_s = sightings[i].time_s;
     let sd = sightings[i].covariance.fixed_view::<2, 2>(0, 0).trace().sqrt();
-    let from = sightings.partition_point(|o| o.time_s < time_s - WAY_S).min(i);
-    let to = sightings.partition_point(|o| o.time_s <= time_s + WAY_S).max(i + 1) - 1;
+    let from = sightings.partition_point(|o| o.time_s < time_s - MOTION_S / 2.0).min(i);
+    let to = sightings.partition_point(|o| o.time_s <= time_s + MOTION_S / 2.0).max(i + 1) - 1;
     let way = averaged[to].xy() - averaged[from].xy();
-    (way.norm() > 1.0 + sd).then(|| way.y.atan2(way.x))
+    (way.norm() > STEP_M + sd).then(|| way.y.atan2(way.x))
 }
 
 /// Returns pose (m, rad) and speed (m/s) of a node, on the straight line between the detections around it. `turn` is

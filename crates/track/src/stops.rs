@@ -7,7 +7,7 @@ use std::ops::Range;
 use nalgebra::Vector2;
 use roadplane_base::{bbox_centre, upper_median};
 
-use crate::measurement::Sighting;
+use crate::{filter::MOTION_S, measurement::Sighting, noise::MIN_SIGHTINGS};
 
 /// Consecutive detections, all driving or all stationary.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -20,15 +20,8 @@ pub(crate) struct Run {
 
 /// Least motion over about one second that distinguishes a driving car from a parked one, m.
 const MIN_MOTION_M: f64 = 0.4;
-/// Half of the time over which motion is measured, s.
-const HALF_S: f64 = 0.5;
-/// Least number of detections from which motion is measured. Where a car is rarely detected, a longer time is taken, so
-/// that it holds this many.
-const MIN_SIGHTINGS: usize = 5;
 /// Least motion that is significant, in sds.
 const SIGNIFICANT: f64 = 3.0;
-/// Stationary intervals shorter than this are ignored, s.
-pub(crate) const MIN_STAND_S: f64 = 1.0;
 
 /// Divides a track's detections, in the order of time. A track without noticeable motion is one stationary interval.
 pub(crate) fn find_runs(sightings: &[Sighting]) -> Vec<Run> {
@@ -38,7 +31,7 @@ pub(crate) fn find_runs(sightings: &[Sighting]) -> Vec<Run> {
     }
     let moves_at = |i| moves(window(sightings, i), MIN_MOTION_M);
     let mut moving: Vec<bool> = (0..n).map(moves_at).collect();
-    close_gaps(&mut moving, sightings, MIN_STAND_S);
+    close_gaps(&mut moving, sightings);
     // A stationary interval that creeps as a whole is slow driving.
     for run in runs(&moving).into_iter().filter(|run| run.parked) {
         let part = &sightings[run.sightings.clone()];
@@ -49,11 +42,12 @@ pub(crate) fn find_runs(sightings: &[Sighting]) -> Vec<Run> {
     runs(&moving)
 }
 
-/// Returns the detections within [`HALF_S`] of one. If these are too few, the nearest in time beyond are included.
+/// Returns the detections within half of [`MOTION_S`] of one. Where a car is rarely detected, a
+/// longer time is taken, so that it holds [`MIN_SIGHTINGS`].
 fn window(sightings: &[Sighting], middle: usize) -> &[Sighting] {
     let time_s = sightings[middle].time_s;
-    let mut from = sightings.partition_point(|o| o.time_s < time_s - HALF_S);
-    let mut to = sightings.partition_point(|o| o.time_s <= time_s + HALF_S);
+    let mut from = sightings.partition_point(|o| o.time_s < time_s - MOTION_S / 2.0);
+    let mut to = sightings.partition_point(|o| o.time_s <= time_s + MOTION_S / 2.0);
     let gap_s = |i: usize| sightings.get(i).map_or(f64::INFINITY, |o| (o.time_s - time_s).abs());
     while to - from < MIN_SIGHTINGS.min(sightings.len()) {
         if from > 0 && gap_s(from - 1) <= gap_s(to) {
@@ -137,12 +131,12 @@ pub(crate) fn runs(moving: &[bool]) -> Vec<Run> {
     found
 }
 
-/// Turns stationary intervals shorter than `least_s` into driving, if the track drives at all. At an end of the track a
+/// Turns stationary intervals shorter than [`MOTION_S`] into driving, if the track drives at all: they cannot be measured. At an end of the track a
 /// short stop cannot be distinguished from driving that is hardly visible yet.
-pub(crate) fn close_gaps(moving: &mut [bool], sightings: &[Sighting], least_s: f64) {
+pub(crate) fn close_gaps(moving: &mut [bool], sightings: &[Sighting]) {
     let found = runs(moving);
     for run in found.iter().filter(|_| found.len() > 1) {
-        if run.parked && seconds(&sightings[run.sightings.clone()]) < least_s {
+        if run.parked && seconds(&sightings[run.sightings.clone()]) < MOTION_S {
             moving[run.sightings.clone()].fill(true);
         }
     }

@@ -9,14 +9,12 @@ use crate::{
     expected::{ALONE, Expected, SURE_OVERLAP},
     frames::{BoxesByFrame, Frames},
     measurement::Sighting,
-    raw_track::{RawTrack, same_car},
+    raw_track::{CONFIRM_HITS, RawTrack, same_car},
     shape::ShapeSum,
 };
 
-/// Number of detections that confirm a new track, within its first [`CONFIRM_FRAMES`] inference frames.
-pub(crate) const CONFIRM_HITS: usize = 3;
-/// Number of inference frames within which a new track must be confirmed.
-pub(crate) const CONFIRM_FRAMES: usize = 5;
+/// Number of inference frames within which a new track must be confirmed by [`CONFIRM_HITS`] detections.
+const CONFIRM_FRAMES: usize = 5;
 /// Least sd of a measured position, m: no measurement is better than this.
 const LEAST_SD_M: f64 = 0.02;
 /// Least sd of a measured heading, rad: no measurement is better than this.

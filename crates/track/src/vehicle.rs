@@ -23,8 +23,8 @@ use crate::chain::Blocks;
 /// The state (x, y, θ, v, κ) of a node: m, m, rad, m/s, 1/m.
 pub(crate) type State = Vector5<f64>;
 
-/// Distribution of a measurement's residuals.
-const SCATTER: StudentT = StudentT { dimensions: 3.0 };
+/// Distribution of a measurement's residuals. Half-hidden cars give some poses that are far off.
+pub(crate) const SCATTER: StudentT = StudentT { dimensions: 3.0 };
 /// Least sd of a step, in the units of the state. A straight drive is not exactly straight.
 const STEP_FLOOR: [f64; 5] = [1e-3, 1e-3, 1e-4, 1e-3, 1e-4];
 /// Sd of the turning that the path does not explain, rad within 1 s.

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Matrix5, Vector3};
 
 use crate::{
-    box_motion::UNSEEN_S,
+    box_motion::COAST_S,
     facing::Facing,
     measurement::Sighting,
     noise::{Noise, given_heading},
@@ -221,7 +221,7 @@ fn driving_noise(
     let mut before: Option<(f64, Vector3<f64>)> = None;
     for ((place, state), covariance) in places.iter().zip(states).zip(covariances) {
         // Detections stay neighbours across frames without inference, but not across a stationary interval or a gap.
-        before = before.filter(|(time_s, _)| place.stand.is_none() && place.span_s[0] - time_s <= UNSEEN_S);
+        before = before.filter(|(time_s, _)| place.stand.is_none() && place.span_s[0] - time_s <= COAST_S);
         let (None, Some(seen)) = (&place.stand, place.look(sightings)) else { continue };
         let weight = white(sightings, place, seen, used).try_inverse();
         let (Some(inverse), Some(weight)) = (seen.covariance.try_inverse(), weight) else { continue };

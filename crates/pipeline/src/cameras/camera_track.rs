@@ -35,6 +35,11 @@ pub(crate) struct Visit {
     pub span_s: [f64; 2],
 }
 
+/// Returns the number of camera positions. The camera may end at an earlier one.
+pub(super) fn positions(visits: &[Visit]) -> usize {
+    visits.iter().map(|visit| visit.position + 1).max().unwrap_or(1)
+}
+
 /// Returns the index of the camera position at a time.
 pub(super) fn position_at(visits: &[Visit], time_s: f64) -> usize {
     let begun = visits.iter().take_while(|visit| visit.span_s[0] <= time_s).last();
@@ -122,5 +127,17 @@ impl CameraTrack {
         };
         let nearest = (0..self.estimates.len()).min_by(|a, b| distance(a).total_cmp(&distance(b)));
         nearest.unwrap_or(0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_camera_that_comes_back_has_all_its_positions() {
+        let visit = |position: usize| Visit { position, span_s: [0.0, 1.0] };
+        assert_eq!(positions(&[0, 1, 0].map(visit)), 2);
+        assert_eq!(positions(&[]), 1);
     }
 }

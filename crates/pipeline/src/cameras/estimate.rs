@@ -10,7 +10,7 @@ use roadplane_calibrate::{
 use roadplane_measure::usable;
 use roadplane_write::FrameReader;
 
-use crate::cameras::camera_track::{CameraTrack, Visit, by_visits, position_at};
+use crate::cameras::camera_track::{CameraTrack, Visit, by_visits, position_at, positions};
 use crate::cameras::empty_scene_view::EmptySceneView;
 use crate::cameras::joining::{factors_by_position, fuse_options};
 use crate::cameras::known::CameraConstraints;
@@ -104,7 +104,7 @@ pub(crate) fn estimate_cameras(
     };
     take(builder.finish(), size, lens, &known);
     let position = visits.last().map_or(0, |visit| visit.position);
-    let positions = visits.iter().map(|visit| visit.position + 1).max().unwrap_or(1);
+    let positions = positions(&visits);
     let (mut windows, parked) = (solving.windows, solving.parked);
     let mut options = of_clip.count(&windows, fuse_options(size, positions, &known, config));
     let empty_scene = EmptySceneView::of(scene, &optics.places, position, size);
