@@ -63,7 +63,7 @@ fn pieces_joined_are_the_whole_byte_for_byte() {
     };
     refused(join(&folders[1..], &[]), "before 60 s is missing");
     refused(join(&folders[..2], &[]), "after this one are missing");
-    refused(join(&folders, &["--set", "track.gate=9"]), "another configuration");
+    refused(join(&folders, &["--set", "track.min_observed=9"]), "another configuration");
     let [first, second, third] = &folders[..] else { unreachable!() };
     let cameras = at("cameras").display().to_string();
     let stored = ["--frames", "--cameras", &cameras, "--camera-id", "night"];

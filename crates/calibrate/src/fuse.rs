@@ -1,6 +1,7 @@
 //! The factor graph of a clip's camera: fuses the windows and all other factors over time.
 //!
-//! The unknowns are (log f, tilt, roll, log h) of each camera position, and the size of the place's cars. The evidence is
+//! The unknowns are (log f, tilt, roll, log h) of each camera position, and the size of the place's cars. The evidence
+//! is
 //!
 //! - the cars: each window gives a Gaussian of (log f, tilt, roll, log h) from their keypoints, with its dependence on
 //!   the errors that all cars of the place share; the mean of the windows of a position counts as a Gaussian of (log f,
@@ -35,7 +36,7 @@ use roadplane_base::{
     SHARED_ERRORS, SharedSd, is_determined,
 };
 
-use self::changes::{Part, drift_sd, explain};
+use self::changes::{DRIFT_SD, Part, explain};
 use self::evidence::Evidence;
 pub use self::group::condense;
 use self::group::{is_usable, mean, middle_s, shares, span_s, together};
@@ -250,7 +251,7 @@ fn pieces<'a, 'w>(usable: &'a [&'w WindowEstimate], options: &'a FuseOptions) ->
                     (Some(start), _) => step_from(start),
                     (None, Some(scale)) if i > 0 => {
                         let gap_s = (middle_s(windows) - middle_s(&part[i - 1..i])).max(0.0);
-                        Step::kept((drift_sd() * scale).map(|sd| sd * sd * gap_s))
+                        Step::kept((DRIFT_SD * scale).map(|sd| sd * sd * gap_s))
                     }
                     // Only the estimates show this change, so the focal length may have changed too.
                     (None, _) => Step::fresh(),

@@ -13,13 +13,13 @@
 //! good lens, or if the camera corrects it. Otherwise the distortion grows with the picture's width relative to the
 //! focal length.
 //!
-//! Turns: pictures of a camera that turns fit each other only through the right lens ([`TurnedLens`]). They count as one
-//! measurement of the distortion. If it is more accurate than the assumption of no distortion, the lens is the posterior
-//! mean of both.
+//! Turns: pictures of a camera that turns fit each other only through the right lens ([`TurnedLens`]). They count as
+//! one measurement of the distortion. If it is more accurate than the assumption of no distortion, the lens is the
+//! posterior mean of both.
 //!
-//! Otherwise the lens is used only if it explains the edges a hundred times better than no distortion (a Bayes factor). Also, no
-//! side of the picture may be the only one in favour of it. Otherwise the picture counts as free of distortion. The
-//! remaining uncertainty of the distortion is an error that all cars share.
+//! Otherwise the lens is used only if it explains the edges a hundred times better than no distortion (a Bayes factor).
+//! Also, no side of the picture may be the only one in favour of it. Otherwise the picture counts as free of
+//! distortion. The remaining uncertainty of the distortion is an error that all cars share.
 
 use std::f64::consts::TAU;
 
@@ -110,8 +110,8 @@ impl LensView {
         bends.map(|(i, bend)| of_turns(*bend) + log_sum((0..KINDS).map(|kind| of_kind(i, kind)))).collect()
     }
 
-    /// Returns the lens and the sd of its distortion ([`Lens::distortion`], dimensionless), if the edges or the turns show
-    /// one. The cars are not used.
+    /// Returns the lens and the sd of its distortion ([`Lens::distortion`], dimensionless), if the edges or the turns
+    /// show one. The cars are not used.
     #[must_use]
     pub fn found(&self, log_focal: LogFocal) -> Option<(Lens, f64)> {
         if self.is_bare {

@@ -143,13 +143,12 @@ impl MoveDetector {
     /// Returns the verdict of this frame alone.
     fn verdict(&self, spots: &[Spot]) -> MoveState {
         let proven: Vec<&Reference> = self.references.iter().filter(|r| r.is_proven()).collect();
-        let enough = MIN_CARS;
-        if proven.len() < enough || spots.is_empty() {
+        if proven.len() < MIN_CARS || spots.is_empty() {
             return MoveState::Unknown;
         }
         let unmoved = Similarity::carrying(&Vector2::zeros(), &Vector2::zeros(), 1.0);
         let stayed = matches(&proven, spots, &unmoved, NEAR);
-        if 2 * stayed.len() >= proven.len() && stayed.len() >= enough {
+        if 2 * stayed.len() >= proven.len() && stayed.len() >= MIN_CARS {
             return self.small_shift(&stayed, &proven);
         }
         // Each pair of a reference and a box proposes a similarity; the box may have any size.
@@ -161,7 +160,7 @@ impl MoveDetector {
         let mut best: Vec<(Vector2<f64>, Vector2<f64>)> = Vec::new();
         for proposal in proposals {
             let coarse = matches(&proven, spots, &proposal, 2.0 * NEAR);
-            if coarse.len() < enough {
+            if coarse.len() < MIN_CARS {
                 continue;
             }
             let refined = Similarity::fit(&coarse).map(|fit| matches(&proven, spots, &fit, 0.5 * NEAR));
@@ -169,7 +168,7 @@ impl MoveDetector {
                 best = fine;
             }
         }
-        if best.len() >= enough && 2 * best.len() >= proven.len() && best.len() > stayed.len() + 1 {
+        if best.len() >= MIN_CARS && 2 * best.len() >= proven.len() && best.len() > stayed.len() + 1 {
             let log_scale = Similarity::fit(&best).map_or(0.0, |fit| fit.log_scale());
             return MoveState::Moved(SegmentStart::Moved { log_scale });
         }

@@ -74,8 +74,8 @@ impl Stretch {
         self.seen += 1;
     }
 
-    /// Returns the best observation, and whether the car was stationary. Then its keypoints are combined over all
-    /// stationary observations; they are the majority.
+    /// Returns the best observation, and whether the car was stationary. If most observations are stationary, the
+    /// keypoints are combined over these.
     pub(crate) fn view(&self) -> Option<(Look, bool)> {
         let axis = |axis: usize| {
             median(&mut self.looks.iter().map(|l| bbox_centre(&l.bbox_px)[axis]).collect::<Vec<_>>())

@@ -35,8 +35,8 @@ fn prior(label: VehicleClass) -> &'static [(VehicleClass, f64)] {
     }
 }
 
-/// Least sd of a heading at one time, rad: that of a track, or of a direction of travel.
-pub const LEAST_HEADING_SD_RAD: f64 = 0.1;
+/// Sd of a direction of travel, and least sd of a track's heading at one time, rad.
+pub const HEADING_SD_RAD: f64 = 0.1;
 
 /// Prior information about the vehicle in a box.
 #[derive(Clone, Copy, Debug)]
@@ -69,8 +69,8 @@ pub struct GroundContact {
 
 /// Estimates a vehicle's pose and size from its box.
 ///
-/// `picture_px` is the picture as a box. `hidden` marks the edges (left, top, right, bottom) at which another vehicle hides
-/// this one. They only limit the vehicle: it does not end before them.
+/// `picture_px` is the picture as a box. `hidden` marks the edges (left, top, right, bottom) at which another vehicle
+/// hides this one. They only limit the vehicle: it does not end before them.
 ///
 /// `None` where the box's lower edge lies above the horizon. `None` also where that edge is cut off and only a label is
 /// known.
@@ -96,7 +96,7 @@ pub fn ground_contact(
             .collect(),
         Knowledge::Track { body, heading_rad, heading_sd_rad } => {
             let share = |steps: f64| (-0.5 * steps * steps).exp();
-            let sd_rad = heading_sd_rad.max(LEAST_HEADING_SD_RAD);
+            let sd_rad = heading_sd_rad.max(HEADING_SD_RAD);
             [-1.5, 0.0, 1.5].map(|s| (*body, heading_rad + s * sd_rad, share(s))).to_vec()
         }
     };

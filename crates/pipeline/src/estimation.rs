@@ -202,7 +202,7 @@ pub(crate) fn solve_constrained_clip(
         tracing::info!("{fit}");
         warnings.extend(fit.warnings.iter().cloned());
     }
-    let contradictions = cameras.known.iter().filter_map(contradiction);
+    let contradictions = cameras.constraints.iter().filter_map(contradiction);
     let on_constraints: Vec<String> = on_frames
         .into_iter()
         .chain(contradictions)

@@ -5,8 +5,8 @@ use roadplane_base::{bbox_centre, bbox_moved};
 
 /// Time constant of the velocity's average, s.
 const MEMORY_S: f64 = 0.25;
-/// Longest time without a detection for which a driving vehicle is followed, s: then its motion is no longer known. After a
-/// longer gap only the joint linking of tracklets (`link.rs`) can find it again.
+/// Time without a detection after which a vehicle's motion is unknown, s. A driving vehicle is then no longer followed:
+/// only linking (`link.rs`) can find it again. So a longer gap is a join.
 pub(crate) const COAST_S: f64 = 0.4;
 
 /// The last box of a vehicle, and the velocity of the box's centre.

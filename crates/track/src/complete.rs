@@ -15,7 +15,7 @@ use crate::{
     measurement::{Sighting, Size},
     parts::parts,
     placed_boxes::add_boxes,
-    raw_track::{CONFIRM_HITS, Link, RawTrack},
+    raw_track::{FEWEST, Link, RawTrack},
     smooth::smooth_track,
     smooth_boxes::smooth_by_boxes,
     vehicle::HALF_WHEELBASE_M,
@@ -25,8 +25,8 @@ use crate::{
 /// clips (`docs/book/science.md`).
 const BOXED_LOG_ODDS: f64 = -2.0;
 
-/// Distance from the rear axle to the centre of a truck or bus, as a share of its length.
-const HALF_WHEELBASE: f64 = 0.25;
+/// Distance from the rear axle to the centre of a vehicle that is no car, as a share of its length.
+const HALF_WHEELBASE_SHARE: f64 = 0.25;
 
 /// Knowledge of the scene, beyond the detections. It converts between boxes and poses.
 pub trait Scene {
@@ -176,7 +176,7 @@ impl<S: Scene> Completion<'_, S> {
     /// Smooths tracks, and judges which ones are vehicles. Tracks without enough detections are dropped.
     fn judged(&self, mut tracks: Vec<RawTrack>) -> Vec<Judged> {
         tracks.retain(|raw| {
-            let is_certain = !raw.is_boxed || raw.certain >= CONFIRM_HITS;
+            let is_certain = !raw.is_boxed || raw.certain >= FEWEST;
             raw.observations.len() >= self.least && is_certain
         });
         let smoothed = if self.options.steps.merge {
@@ -246,7 +246,7 @@ impl<S: Scene> Completion<'_, S> {
 
 /// Returns the distance from the rear axle to the origin of a track's vehicle, m.
 fn half_wheelbase_m(track: &RawTrack) -> f64 {
-    track.dims_m().map_or(HALF_WHEELBASE_M, |dims_m| HALF_WHEELBASE * dims_m.x)
+    track.dims_m().map_or(HALF_WHEELBASE_M, |dims_m| HALF_WHEELBASE_SHARE * dims_m.x)
 }
 
 /// Removes the boxes that tracks have already.

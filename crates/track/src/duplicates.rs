@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use crate::{
     TrackState,
     measurement::Sighting,
-    raw_track::{CONFIRM_HITS, Link, RawTrack, in_one_place, same_car},
+    raw_track::{FEWEST, Link, RawTrack, in_one_place, same_car},
 };
 
 /// Share of the weaker track's detections during the stronger track's life that must coincide, 0–1.
@@ -75,7 +75,7 @@ fn by_strength(mut tracks: Vec<RawTrack>) -> Vec<RawTrack> {
 fn coincide(strong: &RawTrack, weak: &RawTrack, same: impl Fn(&Sighting, &Sighting) -> bool) -> bool {
     let together: Vec<&Sighting> = weak.observations.iter().filter(|o| lives(strong, o.time_s)).collect();
     let shared = together.iter().filter(|o| at(strong, o).is_some_and(|near| same(near, o))).count();
-    shared >= CONFIRM_HITS.min(weak.observations.len()) && shared as f64 > MIN_SHARED * together.len() as f64
+    shared >= FEWEST.min(weak.observations.len()) && shared as f64 > MIN_SHARED * together.len() as f64
 }
 
 /// Whether a time (s) lies between a track's first and last detection, or near them.

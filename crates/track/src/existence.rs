@@ -17,7 +17,8 @@ use crate::{
 
 /// Scale of a displacement, m. Far away, positions of stationary objects jitter by about as much.
 const MOVED_M: f64 = 3.0;
-/// Median distance (rms) of a car's keypoints from their projections, as a share of the box's longer side: rendered clips.
+/// Median distance (rms) of a car's keypoints from their projections, as a share of the box's longer side: rendered
+/// clips.
 const USUAL_RMS_SHARE: f64 = 0.018;
 /// Largest such distance of a valid fit (`solve.max_rms_share`). Worse fits are all alike.
 const MOST_RMS_SHARE: f64 = 0.07;

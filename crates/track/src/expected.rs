@@ -8,7 +8,8 @@ use crate::{
     measurement::Sighting,
 };
 
-/// Longest time for which a vehicle may be hidden, s.
+/// Longest gap that linking bridges, and longest time for which a stationary vehicle is followed without a detection,
+/// s.
 pub(crate) const HIDDEN_S: f64 = 60.0;
 /// Cost above which it is more probable that the vehicle is not detected. Pose and overlap contribute up to 0.5 each.
 pub(crate) const ALONE: f64 = 0.9;
@@ -18,7 +19,7 @@ const MIN_OVERLAP: f64 = 0.25;
 const INWARD: f64 = 0.1;
 /// Sd from which on a position says little, m. The boxes must then overlap by `TOUCHING`.
 const VAGUE_M: f64 = 1.5;
-/// Least overlap (IoU) of boxes where the position is vague.
+/// Least overlap (IoU) of boxes where the position is vague, or where the time stamp may be wrong.
 pub(crate) const TOUCHING: f64 = 0.05;
 /// Overlap (IoU) of boxes that makes a pair, even where the pose is wrong.
 pub(crate) const SURE_OVERLAP: f64 = 0.5;

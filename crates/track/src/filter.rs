@@ -18,9 +18,11 @@ pub(crate) const STANDING_SPEED_SD: f64 = 0.2;
 const TURN_POWER: f64 = 0.25;
 /// Power of the wandering of a parked car, m²/s. It allows for estimates that still settle.
 const STILL_POWER: f64 = 4e-4;
-/// Greatest distance that a stationary car seems to move, and sd of that by which a creeping one leaves its line, m.
+/// Greatest distance that a stationary car seems to move, m. It is also the sd of a creeping car's distance from its
+/// line.
 pub(crate) const STILL_M: f64 = 0.5;
-/// Time over which motion is measured, s. A car that stays within [`STILL_M`] for so long counts as stationary.
+/// Time scale of motion, s. Motion is measured over this time, and the end of a tracklet is as long. Shorter stops
+/// cannot be measured, and a car that stays within [`STILL_M`] for so long counts as stationary.
 pub(crate) const MOTION_S: f64 = 1.0;
 /// Squared Mahalanobis distance of (x, y, heading) up to which a measurement may belong to a track, without unit.
 pub(crate) const GATE: f64 = 20.0;
@@ -107,8 +109,8 @@ impl Filter {
         }
     }
 
-    /// Updates the state with a measurement. One that lies beyond [`GATE`] was matched by its box and counts less, as its
-    /// pose must be bad.
+    /// Updates the state with a measurement. One that lies beyond [`GATE`] was matched by its box and counts less, as
+    /// its pose must be bad.
     pub(crate) fn update(&mut self, pose: &Vector3<f64>, covariance: &Matrix3<f64>, time_s: f64) {
         let distance = self.distance(pose, covariance, time_s);
         let widened = (distance / GATE).clamp(1.0, 1e6);

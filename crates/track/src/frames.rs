@@ -6,8 +6,8 @@ use roadplane_base::FrameStamp;
 
 use crate::BoxSighting;
 
-/// Least time between two inference frames that both count, s. A closer one adds nothing: the detector repeats its misses
-/// and false alarms.
+/// Least time between two inference frames that both count, s. A closer one adds nothing: the detector repeats its
+/// misses and false alarms.
 const APART_S: f64 = 0.075;
 
 /// Boxes by the index of their frame.
@@ -30,8 +30,8 @@ pub(crate) struct Frames {
 }
 
 impl Frames {
-    /// Adds a frame that was taken `delay_s` after its time stamp. `looked`: whether it is an inference frame. Returns its
-    /// index, its time since the first time stamp (s), and whether it counts as a look.
+    /// Adds a frame that was taken `delay_s` after its time stamp. `looked`: whether it is an inference frame. Returns
+    /// its index, its time since the first time stamp (s), and whether it counts as a look.
     pub(crate) fn push(&mut self, stamp: FrameStamp, delay_s: f64, looked: bool) -> (usize, f64, bool) {
         self.stamps.push(stamp);
         let stamped_s = self.since_first_s(stamp);

@@ -15,13 +15,13 @@
 //!     + terms of class and size
 //! ```
 //!
-//! An undetected vehicle has three modes: it was stationary, it drove on, or it crept on in a queue. In each, τ is the mean
-//! time for which it stays undetected. Vehicles appear anywhere with the density λ. Where the later tracklet begins,
-//! others that drive appear at the rate r. So in flowing traffic, a vehicle is not the stationary one that was there
-//! before.
+//! An undetected vehicle has three modes: it was stationary, it drove on, or it crept on in a queue. In each, τ is the
+//! mean time for which it stays undetected. Vehicles appear anywhere with the density λ. Where the later tracklet
+//! begins, others that drive appear at the rate r. So in flowing traffic, a vehicle is not the stationary one that was
+//! there before.
 //!
-//! A tracklet of boxes alone may be no vehicle. With the probability p that it is one (`existence.rs`), keeping it apart
-//! from all others gains −log p. In the assignment, its end is then its own beginning.
+//! A tracklet of boxes alone may be no vehicle. With the probability p that it is one (`existence.rs`), keeping it
+//! apart from all others gains −log p. In the assignment, its end is then its own beginning.
 
 use std::{collections::BTreeMap, f64::consts::PI, ops::AddAssign as _};
 
@@ -118,7 +118,8 @@ impl Arrivals {
         (1.0 - start.stands) * density(&(start.place() - at.place()), &spread)
     }
 
-    /// Returns the rate at which other vehicles than those of tracklets `i` and `j` appear where `j` begins, per m² and s.
+    /// Returns the rate at which other vehicles than those of tracklets `i` and `j` appear where `j` begins, per m² and
+    /// s.
     fn rate(&self, starts: &[End], i: usize, j: usize) -> f64 {
         (self.near[j] - Self::near(&starts[i], &starts[j])).max(0.0) / self.seconds
     }

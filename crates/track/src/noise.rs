@@ -12,10 +12,10 @@ pub(crate) struct Noise {
     pub correlation: f64,
 }
 
-/// Share of the variance that is common to observations from about one position, 0–1. Such observations count as fewer
-/// (design effect: Kish 1965, "Survey Sampling").
+/// Share of the variance that is common to observations from about one position, 0–1. The design effect: correlated
+/// observations count as fewer (Kish 1965, "Survey Sampling").
 pub(crate) const COMMON_SHARE: f64 = 0.5;
-/// Least number of detections from which scatter or motion is measured.
+/// Least number of detections from which scatter is measured, and motion if the track has so many.
 pub(crate) const MIN_SIGHTINGS: usize = 5;
 
 impl Noise {
@@ -39,8 +39,8 @@ impl Noise {
         self.ratio * (1.0 + self.correlation) / (1.0 - self.correlation)
     }
 
-    /// Returns the factor on R of the error that all detections share: the part of the variance that does not scatter, and
-    /// at least R. All boxes of a vehicle share their error.
+    /// Returns the factor on R of the error that all detections share: the part of the variance that does not scatter,
+    /// and at least R. All boxes of a vehicle share their error.
     pub(crate) fn bias(&self, from_box: bool) -> f64 {
         if from_box { 1.0 } else { (POSE_SD_RATIO.powi(2) - self.ratio).max(1.0) }
     }

@@ -1,8 +1,8 @@
 //! Chains the boxes that no tracklet has, weak and strong, in the picture.
 //!
 //! Some vehicles are seen from high above, or half in the dark. They are detected in nearly every inference frame, but
-//! with certainty in few. At the picture's edge, the lens may distort the keypoints so much that they fit no car. In the
-//! picture, boxes follow each other without any property of the vehicle.
+//! with certainty in few. At the picture's edge, the lens may distort the keypoints so much that they fit no car. In
+//! the picture, boxes follow each other without any property of the vehicle.
 //!
 //! A chain may run into the first box of a tracklet, and it goes on from a tracklet's last box. Then it shows the same
 //! vehicle, if linking agrees.
@@ -16,7 +16,7 @@ use crate::{
     box_motion::{BoxMotion, COAST_S},
     expected::SURE_OVERLAP,
     frames::BoxesByFrame,
-    raw_track::{CONFIRM_HITS, RawTrack},
+    raw_track::{FEWEST, RawTrack},
 };
 
 /// Time without a box after which a chain ends, even if it hardly moves, s.
@@ -60,7 +60,7 @@ impl Chain {
                 from = to;
             }
         }
-        steps >= CONFIRM_HITS
+        steps >= FEWEST
     }
 }
 

@@ -1,13 +1,13 @@
 //! Places the boxes that no tracklet has on the ground, as tracklets of their own.
 //!
-//! A chain of boxes that precedes or follows a tracklet is placed as that vehicle. Any other chain has the heading of its
-//! path, if its boxes show one. Linking decides which vehicle a chain belongs to.
+//! A chain of boxes that precedes or follows a tracklet is placed as that vehicle. Any other chain has the heading of
+//! its path, if its boxes show one. Linking decides which vehicle a chain belongs to.
 
 use std::f64::consts::FRAC_PI_2;
 
 use nalgebra::{Matrix2, Vector2, Vector3};
 use roadplane_base::{Shape, VehicleClass};
-use roadplane_measure::LEAST_HEADING_SD_RAD;
+use roadplane_measure::HEADING_SD_RAD;
 
 use crate::{
     BoxSighting, ExpectedVehicle, Placed, Scene,
@@ -70,7 +70,7 @@ fn of_vehicle(
         track.observations.iter().map(|seen| [seen.time_s, seen.pose.x, seen.pose.y]).collect();
     let heading = |time_s: f64| {
         let near = nearest(&track.observations, time_s, |seen| seen.time_s)?;
-        let driven = way(&places, near.time_s).map(|way| [way, LEAST_HEADING_SD_RAD]);
+        let driven = way(&places, near.time_s).map(|way| [way, HEADING_SD_RAD]);
         Some(driven.unwrap_or([near.pose.z, near.covariance[(2, 2)].sqrt()]))
     };
     sightings(boxes, &vehicle, heading, frames, scene)
@@ -108,7 +108,7 @@ fn alone(chain: &Chain, frames: &Frames, scene: &impl Scene) -> Option<RawTrack>
     }
     let heading = |time_s: f64| {
         let [_, way] = *nearest(&ways, time_s, |way| way[0])?;
-        Some([way, LEAST_HEADING_SD_RAD])
+        Some([way, HEADING_SD_RAD])
     };
     RawTrack::by_boxes(sightings(boxes, &vehicle, heading, frames, scene), boxes, &dims)
 }

@@ -7,8 +7,8 @@ use roadplane_base::{VehicleClass, bbox_covered, bbox_iou};
 
 use crate::{BoxSighting, CarMeasurement, expected::SURE_OVERLAP, measurement::Sighting, shape::ShapeSum};
 
-/// Least number of detections that show more than chance.
-pub(crate) const CONFIRM_HITS: usize = 3;
+/// Least number of detections, coincidences or steps that are more than chance.
+pub(crate) const FEWEST: usize = 3;
 /// Length and width of the ground that a car covers, m.
 const CAR_M: [f64; 2] = [4.4, 1.8];
 /// Largest share of a car's ground that measurements of two different cars have in common, 0–1. Two cars side by side

@@ -42,8 +42,8 @@ pub(crate) fn find_runs(sightings: &[Sighting]) -> Vec<Run> {
     runs(&moving)
 }
 
-/// Returns the detections within half of [`MOTION_S`] of one. Where a car is rarely detected, a
-/// longer time is taken, so that it holds [`MIN_SIGHTINGS`].
+/// Returns the detections within half of [`MOTION_S`] of one. Where a car is rarely detected, a longer time is taken,
+/// so that it holds [`MIN_SIGHTINGS`].
 fn window(sightings: &[Sighting], middle: usize) -> &[Sighting] {
     let time_s = sightings[middle].time_s;
     let mut from = sightings.partition_point(|o| o.time_s < time_s - MOTION_S / 2.0);
@@ -131,8 +131,8 @@ pub(crate) fn runs(moving: &[bool]) -> Vec<Run> {
     found
 }
 
-/// Turns stationary intervals shorter than [`MOTION_S`] into driving, if the track drives at all: they cannot be measured. At an end of the track a
-/// short stop cannot be distinguished from driving that is hardly visible yet.
+/// Turns stationary intervals shorter than [`MOTION_S`] into driving, as they cannot be measured. A track that never
+/// drives is unchanged. At an end of the track, a short stop looks like driving that is hardly visible yet.
 pub(crate) fn close_gaps(moving: &mut [bool], sightings: &[Sighting]) {
     let found = runs(moving);
     for run in found.iter().filter(|_| found.len() > 1) {

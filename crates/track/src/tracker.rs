@@ -9,16 +9,16 @@ use crate::{
     expected::{ALONE, Expected, SURE_OVERLAP},
     frames::{BoxesByFrame, Frames},
     measurement::Sighting,
-    raw_track::{CONFIRM_HITS, RawTrack, same_car},
+    raw_track::{FEWEST, RawTrack, same_car},
     shape::ShapeSum,
 };
 
-/// Number of inference frames within which a new track must be confirmed by [`CONFIRM_HITS`] detections.
+/// Number of inference frames within which a new track must be confirmed by [`FEWEST`] detections.
 const CONFIRM_FRAMES: usize = 5;
 /// Least sd of a measured position, m: no measurement is better than this.
-const LEAST_SD_M: f64 = 0.02;
+const POSE_FLOOR_M: f64 = 0.02;
 /// Least sd of a measured heading, rad: no measurement is better than this.
-const LEAST_HEADING_SD_RAD: f64 = 0.005;
+const POSE_FLOOR_RAD: f64 = 0.005;
 
 /// A track that may continue.
 #[derive(Clone, Debug)]
@@ -57,7 +57,7 @@ impl Live {
 
     /// Whether it was detected often enough not to be a false alarm.
     fn is_confirmed(&self, options: &TrackOptions) -> bool {
-        self.known || !options.steps.confirm || self.raw.observations.len() >= CONFIRM_HITS
+        self.known || !options.steps.confirm || self.raw.observations.len() >= FEWEST
     }
 
     /// Adds a detection that is carried over: the car is in the position of its last measurement.
@@ -199,8 +199,7 @@ impl Tracker {
         let options = &self.options;
         let (dead, live) = std::mem::take(&mut self.live).into_iter().partition(|live: &Live| {
             if !live.is_confirmed(options) {
-                return looks + 1 - live.born >= CONFIRM_FRAMES
-                    || live.missed + CONFIRM_HITS > CONFIRM_FRAMES;
+                return looks + 1 - live.born >= CONFIRM_FRAMES || live.missed + FEWEST > CONFIRM_FRAMES;
             }
             // Inference frames may be rare, so a track may miss one of them.
             live.missed > 1 && live.expected.is_lost(time_s)
@@ -215,7 +214,7 @@ impl Tracker {
 
 /// Converts a measurement to a detection, and adds the least variances to its covariance.
 fn observation(car: &CarMeasurement, frame: usize, time_s: f64) -> Sighting {
-    let floor = Vector3::new(LEAST_SD_M, LEAST_SD_M, LEAST_HEADING_SD_RAD);
+    let floor = Vector3::new(POSE_FLOOR_M, POSE_FLOOR_M, POSE_FLOOR_RAD);
     let covariance = car.covariance + Matrix3::from_diagonal(&floor.component_mul(&floor));
     Sighting {
         frame,

@@ -8,7 +8,7 @@
 //! y' − y − v̄ dt sin θ̄ ~ SLIP_M
 //! θ' − θ − v̄ κ̄ dt     ~ TURN
 //! v' − v              ~ SPEED_CHANGE
-//! κ' − κ              ~ CURVATURE_CHANGE
+//! κ' − κ              ~ CURVATURE_CHANGE, less for long vehicles
 //! ```
 //!
 //! Each residual has the variance sd² dt, with the sd named after the tilde, plus a small floor (`STEP_FLOOR`). A
@@ -168,8 +168,8 @@ impl Vehicle<'_> {
         blocks
     }
 
-    /// Returns the curvature of this vehicle's paths relative to those of cars. The wheels of all vehicles turn by the same
-    /// angles, which makes a long vehicle's path less curved.
+    /// Returns the curvature of this vehicle's paths relative to those of cars. The wheels of all vehicles turn by the
+    /// same angles, which makes a long vehicle's path less curved.
     fn bend(&self) -> f64 {
         HALF_WHEELBASE_M / self.half_wheelbase_m
     }

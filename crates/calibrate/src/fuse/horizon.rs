@@ -23,8 +23,8 @@ fn by_camera(camera: &Vector4<f64>) -> Matrix4<f64> {
     by
 }
 
-/// Converts evidence on (log f, tilt, roll, log h') that was linearised at `camera` to evidence on (log f, horizon, roll,
-/// log h'). `None` where the tilt is a right angle.
+/// Converts evidence on (log f, tilt, roll, log h') that was linearised at `camera` to evidence on (log f, horizon,
+/// roll, log h'). `None` where the tilt is a right angle.
 pub(super) fn of_horizon(evidence: &Evidence, camera: &Vector4<f64>) -> Option<Evidence> {
     Some(evidence.moved(&by_camera(camera).try_inverse()?, camera, &with_horizon(camera)))
 }

@@ -15,11 +15,11 @@ pub struct CameraTrack {
     /// Visits of the camera to its positions, in the order of time.
     pub(crate) visits: Vec<Visit>,
     /// Evidence of this clip alone, for the camera database; `None` if not requested or without information.
-    pub said: Option<CameraEvidence>,
+    pub evidence: Option<CameraEvidence>,
     /// Log of the size of the site's cars relative to the atlas; 0 where only cars determine the scale.
     pub size_of_cars: f64,
     /// Each user constraint, compared with all other evidence.
-    pub known: Vec<ConstraintSummary>,
+    pub constraints: Vec<ConstraintSummary>,
     /// Vertical lines and turns, by camera position.
     pub scene: Vec<SceneView>,
     /// View of the picture of the empty scene; `None` if it does not show the last position of the camera.
@@ -46,8 +46,8 @@ pub(super) fn position_at(visits: &[Visit], time_s: f64) -> usize {
     begun.or(visits.first()).map_or(0, |visit| visit.position)
 }
 
-/// Returns the estimates in the order of time, one or more for each visit to a position. `segments` are the positions of
-/// the estimates.
+/// Returns the estimates in the order of time, one or more for each visit to a position. `segments` are the positions
+/// of the estimates.
 pub(super) fn by_visits(
     estimates: Vec<CameraEstimate>,
     segments: &[usize],

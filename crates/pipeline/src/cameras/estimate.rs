@@ -50,8 +50,8 @@ pub(crate) fn optics_of(
     Optics::with_lens(lens.clone().without_distortion(), frames)
 }
 
-/// Estimates the camera from all frames, its lens and motion, user constraints and the camera database. `scene` says how
-/// the picture of the empty scene lies on the picture of an earlier frame.
+/// Estimates the camera from all frames, its lens and motion, user constraints and the camera database. `scene` says
+/// how the picture of the empty scene lies on the picture of an earlier frame.
 ///
 /// If nothing can be estimated the result has the status "unobservable".
 ///
@@ -108,7 +108,7 @@ pub(crate) fn estimate_cameras(
     let (mut windows, parked) = (solving.windows, solving.parked);
     let mut options = of_clip.count(&windows, fuse_options(size, positions, &known, config));
     let empty_scene = EmptySceneView::of(scene, &optics.places, position, size);
-    let said = recall.and_then(|recall| {
+    let evidence = recall.and_then(|recall| {
         let options = options.for_cars();
         let view = empty_scene.as_ref()?;
         let (said, cars) = evidence_of(recall, &windows, position, span_s, &parked, view, &options)?;
@@ -135,14 +135,14 @@ pub(crate) fn estimate_cameras(
         estimates.push(options.unobservable(span_s));
         tracing::warn!("the camera cannot be estimated from the cars of {frame_count} frames");
     }
-    let known = known.checked(size, |others| {
+    let constraints = known.checked(size, |others| {
         let mut factors = factors_by_position(size, positions, others);
         for view in &cues {
             view.add_factors(&mut factors);
         }
         fuse(&windows, &FuseOptions { factors, ..options.clone() }).into_iter().next()
     });
-    Ok(CameraTrack { estimates, visits, said, size_of_cars, known, scene: cues, empty_scene })
+    Ok(CameraTrack { estimates, visits, evidence, size_of_cars, constraints, scene: cues, empty_scene })
 }
 
 /// Returns the camera before any car is used: the prior and the user constraints.

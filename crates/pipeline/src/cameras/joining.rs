@@ -17,7 +17,7 @@ pub(crate) const POPULATION_LOG_SD: f64 = 0.04;
 /// Sd of log focal length for a focal length that the user gave without an sd.
 const GIVEN_LOG_FOCAL_SD: f64 = 1e-6;
 
-/// Returns the options for joining windows and clips, for a camera with so many positions.
+/// Returns the options for joining windows and clips, for a camera with this number of positions.
 pub(crate) fn fuse_options(
     size: ImageSize,
     positions: usize,

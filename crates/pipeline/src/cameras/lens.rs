@@ -1,5 +1,5 @@
-//! The lens of a clip: given by the user, stored, or estimated from long edges of the site and from turns of the camera;
-//! otherwise without distortion.
+//! The lens of a clip: given by the user, stored, or estimated from long edges of the site and from turns of the
+//! camera; otherwise without distortion.
 
 use roadplane_base::{Camera, CameraEstimate, ImageSize, Lens, SceneCurve};
 use roadplane_calibrate::{FuseOptions, LensView, LogFocal, TurnedLens, WindowEstimate, fuse};

@@ -47,8 +47,8 @@ impl<'a> Solving<'a> {
             })
             .collect();
         let mut solution = solve_scene(atlas, size, &views, &options);
-        // A box without a car is recognised only when the plane is determined. Such boxes are removed, and the window is
-        // solved again.
+        // A box without a car is recognised only when the plane is determined. Such boxes are removed, and the window
+        // is solved again.
         let camera = Camera { lens: options.lens, ..Camera::centred(solution.params.focal_px(), size) };
         let limits = config.solve.fit_limits();
         let believed: Vec<bool> = window

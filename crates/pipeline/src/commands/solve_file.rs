@@ -91,7 +91,7 @@ pub fn solve_file(
                     poses.on_plane(&frame, estimate, any_car(&atlas, cameras.size_of_cars))?;
                 }
             }
-            for warning in cameras.known.iter().filter_map(contradiction) {
+            for warning in cameras.constraints.iter().filter_map(contradiction) {
                 tracing::warn!("{warning}");
             }
             estimates = cameras.estimates;

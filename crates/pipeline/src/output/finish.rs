@@ -73,7 +73,7 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
     }
     progress.phase("writing");
     write_camera_and_place(folder, &solution)?;
-    if let Some(evidence) = &solution.cameras.said {
+    if let Some(evidence) = &solution.cameras.evidence {
         write_evidence(&folder.join(EVIDENCE), evidence)?;
     }
     let mut summary = summary_of(perceived, &solution, config);
@@ -138,8 +138,8 @@ fn road_picture<'a>(perceived: &'a Perceived, solution: &'a ClipSolution) -> Opt
     })
 }
 
-/// Computes and writes the tables of traffic into the folder `traffic` of a result, and returns the sections of the report. A
-/// fault becomes a warning, so that the tracks are not lost.
+/// Computes and writes the tables of traffic into the folder `traffic` of a result, and returns the sections of the
+/// report. A fault becomes a warning, so that the tracks are not lost.
 fn run_traffic(run: &TrafficRun<'_>, road: Option<&RoadPicture<'_>>, summary: &mut Summary) -> String {
     let &TrafficRun { folder, stem, config } = run;
     let tables = folder.join("traffic");
@@ -196,7 +196,7 @@ pub fn note_solution(summary: &mut Summary, solution: &ClipSolution) {
     summary.status = solution.status(summary.status == RunStatus::InputDamaged);
     summary.exit_code = if summary.status == RunStatus::Complete { 0 } else { 3 };
     solution.not_followed.note(summary);
-    summary.known = solution.cameras.known.clone();
+    summary.known = solution.cameras.constraints.clone();
     summary.scene_lines = solution.cameras.scene.iter().map(lines_summary).collect();
     summary.warnings.extend(solution.warnings.iter().cloned());
 }

@@ -14,7 +14,8 @@ use crate::stream::cadence::{RESET_S, interval_of};
 
 /// Approximate largest number of rows of a chunk. A row takes about 500 bytes during processing.
 pub(crate) const MOST_ROWS: u64 = 1_000_000;
-/// Overlap of a chunk beyond its seams, s. Tracks bridge gaps of as much, and begin at the nets' full minutes.
+/// Overlap of a chunk beyond its seams, s. Tracks begin at the nets' full minutes. It must be as long as the longest
+/// gap that tracks bridge (`HIDDEN_S` in `track/src/expected.rs`).
 const OVERLAP_S: f64 = RESET_S;
 /// Least length of a chunk, minutes. The overlaps are tracked twice, so shorter chunks are wasteful.
 const LEAST_MINUTES: u64 = 5;

@@ -211,7 +211,7 @@ mod tests {
         assert!((sideways(&with.rows) / LARGER - 1.0).abs() < 0.012);
         // The height is computed from the horizon and the length, so it is no more accurate than the horizon.
         assert!((given.0 / LARGER).ln().abs() < 2.0 * given.1 && given.1 < 0.85 * alone.1);
-        assert!(with.cameras.known[0].apart_sds < 3.0 && with.warnings.is_empty());
+        assert!(with.cameras.constraints[0].apart_sds < 3.0 && with.warnings.is_empty());
         let wrong = solve(Some(8.0 * 1.5));
         assert!(
             wrong.warnings.iter().any(|text| text.contains("length of line 2 of length.csv is")),
