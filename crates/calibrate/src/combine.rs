@@ -114,3 +114,28 @@ fn mean_of(looks: &[&KeypointSet], index: usize) -> Option<Mean> {
         lagged: deviations.windows(2).map(|pair| pair[0].dot(&pair[1])).sum(),
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use roadplane_synth::Rng;
+
+    use super::*;
+
+    #[test]
+    fn the_scatter_is_relative_to_the_prediction() {
+        for (white, expected, tolerance) in [(1.0, 1.0, 0.1), (0.2, 0.04, 0.01)] {
+            let mut random = Rng::new(1);
+            let mut coordinate = || 100.0 + 4.0 * white * random.normal();
+            let mut point = || Keypoint {
+                pixel: Vector2::new(coordinate(), coordinate()),
+                score: 1.0,
+                covariance_px2: Matrix2::identity() * 16.0,
+            };
+            let looks: Vec<KeypointSet> = (0..100).map(|_| std::array::from_fn(|_| Some(point()))).collect();
+            let looks: Vec<&KeypointSet> = looks.iter().collect();
+            let scatter: f64 = (0..KEYPOINTS).map(|i| mean_of(&looks, i).unwrap().scatter).sum();
+            let ratio = scatter / KEYPOINTS as f64;
+            assert!((ratio - expected).abs() < tolerance, "{ratio} for {white}");
+        }
+    }
+}

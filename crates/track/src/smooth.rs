@@ -20,7 +20,7 @@ pub(crate) fn smooth_track(
     half_wheelbase_m: f64,
 ) -> Vec<TrackState> {
     let Some(way) = Way::by_poses(sightings, times_s, half_wheelbase_m) else { return Vec::new() };
-    way.states(sightings, stamps, half_wheelbase_m, |place| place.bias(sightings, way.noise))
+    way.states(sightings, stamps, |place| place.bias(sightings, way.noise))
 }
 
 impl Way {
@@ -30,12 +30,11 @@ impl Way {
         &self,
         sightings: &[Sighting],
         stamps: &[FrameStamp],
-        half_wheelbase_m: f64,
         bias: impl Fn(&Place) -> Matrix3<f64>,
     ) -> Vec<TrackState> {
         let mut result = Vec::new();
         for ((place, state), covariance) in self.places.iter().zip(&self.nodes).zip(&self.covariances) {
-            let mut smoothed = Smoothed::new(place, state, covariance, &bias(place), half_wheelbase_m);
+            let mut smoothed = Smoothed::new(place, state, covariance, &bias(place), self.half_wheelbase_m);
             if !self.facing.known {
                 // Either end may be the front.
                 smoothed.pose_sd.z = smoothed.pose_sd.z.hypot(FRAC_PI_2);

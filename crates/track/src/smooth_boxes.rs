@@ -78,7 +78,7 @@ pub(crate) fn smooth_by_boxes(
     }
     close_gaps(&mut moving, sightings);
     let (way, size) = solve(&drive, &moving, size.dims_m)?;
-    let states = way.states(sightings, stamps, half_wheelbase_m, |place| {
+    let states = way.states(sightings, stamps, |place| {
         let is_measured = sightings[place.sightings.clone()].iter().any(by_pose);
         if is_measured { place.bias(sightings, way.noise) } else { Matrix3::zeros() }
     });

@@ -95,6 +95,8 @@ pub struct Tracker {
     ended: Vec<RawTrack>,
     /// All boxes, by frame.
     boxes: BoxesByFrame,
+    /// Number of unusable measurements.
+    rejected: usize,
 }
 
 impl Tracker {
@@ -107,7 +109,14 @@ impl Tracker {
             live: Vec::new(),
             ended: Vec::new(),
             boxes: BoxesByFrame::new(),
+            rejected: 0,
         }
+    }
+
+    /// Returns the number of measurements that were not finite, had no area or had no valid covariance.
+    #[must_use]
+    pub fn rejected(&self) -> usize {
+        self.rejected
     }
 
     /// Takes the next frame, in the order of time. Frames without cars must be given, too.
@@ -115,6 +124,7 @@ impl Tracker {
         let (index, time_s, is_look) = self.frames.push(frame.stamp, frame.delay_s, frame.looked);
         let looks = self.frames.looks;
         let mut cars: Vec<&CarMeasurement> = frame.cars.iter().filter(|car| car.is_usable()).collect();
+        self.rejected += frame.cars.len() - cars.len();
         // The cars are sorted, so that their order in the frame has no effect.
         cars.sort_by(|a, b| {
             let key = |c: &CarMeasurement| {

@@ -78,6 +78,8 @@ pub(crate) struct Way {
     pub noise: Noise,
     /// Disambiguated heading of the track.
     pub facing: Facing,
+    /// Distance from the rear axle to the vehicle's origin, m.
+    pub half_wheelbase_m: f64,
 }
 
 impl Way {
@@ -95,7 +97,7 @@ impl Way {
                 noise = driving_noise(sightings, &places, &nodes, &covariances, noise, half_wheelbase_m);
             }
         }
-        Some(Self { places, nodes, covariances, noise, facing })
+        Some(Self { places, nodes, covariances, noise, facing, half_wheelbase_m })
     }
 
     /// Returns the state of the node that covers a time (s), or that of the nearest node.

@@ -37,22 +37,24 @@ impl<'a> Solving<'a> {
         let mut links: Vec<_> = window.views.iter().map(|view| view.link).collect();
         links.sort_unstable();
         links.dedup();
-        let mut views: Vec<CarView<'_>> = window
-            .views
-            .iter()
-            .map(|view| CarView {
-                keypoints: &view.keypoints,
-                group: links.binary_search(&view.link).unwrap_or(0),
-                weight: view.weight,
-            })
-            .collect();
-        let mut solution = solve_scene(atlas, size, &views, &options);
+        let solved = |views: &[&View], options: &SceneOptions| {
+            let cars: Vec<CarView<'_>> = views
+                .iter()
+                .map(|view| CarView {
+                    keypoints: &view.keypoints,
+                    group: links.binary_search(&view.link).unwrap_or(0),
+                    weight: view.weight,
+                })
+                .collect();
+            solve_scene(atlas, size, &cars, options)
+        };
+        let mut views: Vec<&View> = window.views.iter().collect();
+        let mut solution = solved(&views, &options);
         // A box without a car is recognised only when the plane is determined. Such boxes are removed, and the window
         // is solved again.
         let camera = Camera { lens: options.lens, ..Camera::centred(solution.params.focal_px(), size) };
         let limits = config.solve.fit_limits();
-        let believed: Vec<bool> = window
-            .views
+        let believed: Vec<bool> = views
             .iter()
             .zip(&solution.cars)
             .map(|(view, car)| {
@@ -62,14 +64,10 @@ impl<'a> Solving<'a> {
                 })
             })
             .collect();
-        let mut kept: Vec<&View> = window.views.iter().collect();
         if solution.status.usable() && believed.contains(&false) && believed.contains(&true) {
-            let mut flags = believed.iter();
-            views.retain(|_| flags.next() == Some(&true));
-            let mut flags = believed.iter();
-            kept.retain(|_| flags.next() == Some(&true));
-            let warm = SceneOptions { start: Some(solution.params), ..options.clone() };
-            solution = solve_scene(atlas, size, &views, &warm);
+            let kept = views.into_iter().zip(&believed).filter(|(_, believed)| **believed);
+            views = kept.map(|(view, _)| view).collect();
+            solution = solved(&views, &SceneOptions { start: Some(solution.params), ..options.clone() });
         }
         tracing::debug!(
             status = ?solution.status, views = views.len(), cars = links.len(),
@@ -79,7 +77,7 @@ impl<'a> Solving<'a> {
         if !solution.status.usable() {
             return;
         }
-        let used = kept.iter().zip(&solution.cars).filter(|(_, car)| car.as_ref().is_some_and(|c| c.used));
+        let used = views.iter().zip(&solution.cars).filter(|(_, car)| car.as_ref().is_some_and(|c| c.used));
         let used: Vec<&View> = used.map(|(view, _)| *view).collect();
         let mut cars: Vec<CarUse> = used
             .iter()

@@ -154,7 +154,7 @@ fn any_frame_rate_will_do() {
 }
 
 #[test]
-fn nonsense_is_left_out() {
+fn nonsense_is_counted_and_left_out() {
     let world = World::new(lot(), Seeing::perfect(), times(1.0, 30.0), 1);
     let mut tracker = Tracker::new(TrackOptions::default());
     for (i, mut frame) in world.see().frames.into_iter().enumerate() {
@@ -167,6 +167,7 @@ fn nonsense_is_left_out() {
         }
         tracker.push(&frame);
     }
+    assert_eq!(tracker.rejected(), 30);
     assert_eq!(tracker.finish(&()).tracks.len(), 8);
     assert!(Tracker::new(TrackOptions::default()).finish(&()).tracks.is_empty());
 }
