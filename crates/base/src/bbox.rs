@@ -9,6 +9,12 @@ pub fn bbox_centre(bbox_px: &[f64; 4]) -> Vector2<f64> {
     Vector2::new((x0 + x1) / 2.0, (y0 + y1) / 2.0)
 }
 
+/// Returns the middle of a box's lower edge, px. There a vehicle meets the ground.
+#[must_use]
+pub fn bbox_foot(bbox_px: &[f64; 4]) -> Vector2<f64> {
+    Vector2::new((bbox_px[0] + bbox_px[2]) / 2.0, bbox_px[3])
+}
+
 /// Returns the box shifted by a vector, px.
 #[must_use]
 pub fn bbox_moved([x0, y0, x1, y1]: &[f64; 4], by: &Vector2<f64>) -> [f64; 4] {

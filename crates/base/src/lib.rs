@@ -45,6 +45,7 @@ mod camera_params;
 mod camera_prior;
 mod evidence;
 mod frame;
+mod ground;
 mod homography;
 mod image_size;
 mod keypoint;
@@ -64,7 +65,7 @@ pub use atlas::{
     ALL_MODES, ATLAS_SCHEMA, AtlasError, BodyType, FINE_MODES, FullShape, MODES, Shape, ShapeAtlas,
 };
 pub use bbox::{
-    bbox_around, bbox_centre, bbox_covered, bbox_iou, bbox_mapped, bbox_moved, bbox_part_seen,
+    bbox_around, bbox_centre, bbox_covered, bbox_foot, bbox_iou, bbox_mapped, bbox_moved, bbox_part_seen,
     bbox_share_inside,
 };
 pub use camera::Camera;
@@ -72,6 +73,7 @@ pub use camera_params::CameraParams;
 pub use camera_prior::{CameraPrior, is_determined};
 pub use evidence::{CameraEvidence, ClipIdentity, EVIDENCE_SCHEMA, ParkedCar};
 pub use frame::{Frame, FrameStamp};
+pub use ground::{Ground, GroundPart};
 pub use homography::{Homography, Turn};
 pub use image_size::ImageSize;
 pub use keypoint::{

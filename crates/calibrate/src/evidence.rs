@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 use roadplane_base::{FrameRecord, MoveKind, PictureVerdict, WatchRecord};
 
-use crate::{MoveDetector, MoveState, SegmentStart, View, ViewSelector, linker::Linker};
+use crate::{Fold, MoveDetector, MoveState, SegmentStart, View, ViewSelector, linker::Linker};
 
 /// The views of one time interval from one camera position.
 #[derive(Clone, Debug)]
@@ -20,6 +20,19 @@ pub struct Window {
     pub start: SegmentStart,
     /// Whether the picture or parked cars confirm that the camera did not move since the previous window.
     pub steady: bool,
+}
+
+impl Window {
+    /// Divides the window of a site with a fold into two: the views on this side of the line, and those beyond it.
+    ///
+    /// `foot_px` gives the position of a box as in [`Fold`].
+    #[must_use]
+    pub fn divided(self, fold: &Fold, foot_px: impl Fn(&[f64; 4]) -> Vector2<f64>) -> [Self; 2] {
+        let (beyond, here) = self.views.into_iter().partition(|view| fold.is_beyond(&foot_px(&view.bbox_px)));
+        let (segment, start) = (self.segment + 1, SegmentStart::SecondPlane);
+        let second = Self { views: beyond, segment, start, ..self };
+        [Self { views: here, segment: self.segment, start: self.start, ..second.clone() }, second]
+    }
 }
 
 /// A window that is being filled.

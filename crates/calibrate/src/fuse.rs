@@ -339,6 +339,9 @@ fn step_from(start: SegmentStart) -> Step {
         SegmentStart::Moved { .. } => {
             Step { kept: Vector4::new(0.0, 0.0, 0.0, 1.0), variance: Vector4::new(0.0, 0.0, 0.0, 4e-3) }
         }
+        SegmentStart::SecondPlane => {
+            Step { kept: Vector4::new(1.0, 0.0, 0.0, 0.0), variance: Vector4::zeros() }
+        }
         SegmentStart::Clip | SegmentStart::Cut => Step::fresh(),
     }
 }

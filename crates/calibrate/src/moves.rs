@@ -18,6 +18,8 @@ pub enum SegmentStart {
     },
     /// The picture changed completely; nothing of the previous camera holds.
     Cut,
+    /// The camera is the same, and its cars are on the second plane of a folded ground ([`Fold`](crate::Fold)).
+    SecondPlane,
 }
 
 /// The verdict of one frame on the camera.

@@ -1,4 +1,4 @@
-//! Fits the cars of a frame on the ground plane, with a known camera.
+//! Fits the cars of a frame on the ground, with a known camera.
 
 use nalgebra::SMatrix;
 use roadplane_base::{FrameRecord, GroundPose, MODES, Shape, ShapeAtlas, VehicleClass};
@@ -33,7 +33,8 @@ pub fn any_car(atlas: &ShapeAtlas, size_of_cars: f64) -> ShapePrior {
 /// Fits every car of the frame that has keypoints.
 ///
 /// Keypoints with scores below `min_keypoint_score` do not count. `known(i)` returns the prior of car i: its shape, and its
-/// approximate pose if there is one.
+/// approximate pose if there is one. Ground poses are in coordinates on the surface; the covariance of pose and shape is
+/// that on the car's plane alone.
 pub fn fit_frame(
     frame: &FrameRecord,
     view: &FrameCamera,
@@ -48,7 +49,12 @@ pub fn fit_frame(
         }
         let keypoints = usable(car.keypoints.as_deref()?, min_keypoint_score);
         let (shape, start) = known(i);
-        fit_car(atlas, &view.camera, &view.plane, &keypoints, &shape, start.as_ref(), options)
+        let part = view.part_of_box(&car.bbox_px);
+        let start = start.map(|pose| part.from_surface(&pose));
+        let mut fit = fit_car(atlas, &view.camera, &part.plane, &keypoints, &shape, start.as_ref(), options)?;
+        fit.car.ground = part.to_surface(&fit.car.ground);
+        fit.car.ground_covariance = part.covariance_to_surface(&fit.car.ground_covariance);
+        Some(fit)
     };
     frame.cars.iter().enumerate().map(fit).collect()
 }

@@ -11,7 +11,7 @@
 use std::f64::consts::PI;
 
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3, Vector4};
-use roadplane_base::{GroundPose, VehicleClass, fold_axis};
+use roadplane_base::{GroundPose, VehicleClass, bbox_foot, fold_axis};
 
 use crate::edge::{EDGE_SD_PX, EDGE_SD_SHARE, OUTLINE_SD, OUTWARD};
 use crate::{Body, FrameCamera, LEAST_M, body_box, body_of, cut_edges, either};
@@ -140,7 +140,7 @@ struct Seen<'a> {
     bbox_px: &'a [f64; 4],
     /// Whether the body continues beyond the left, top, right and bottom edge.
     goes_on: [bool; 4],
-    /// Camera and ground plane.
+    /// Camera and ground.
     view: &'a FrameCamera,
     /// Prior of the body's size.
     body: Body,
@@ -151,8 +151,7 @@ struct Seen<'a> {
 impl Seen<'_> {
     /// Fits position and size; `share` is the prior probability of the body. `None` where the body has no projection.
     fn fit(&self, share: f64) -> Option<Fit> {
-        let [x0, _, x1, y1] = *self.bbox_px;
-        let foot = self.view.plane.world_from_pixel(&self.view.camera, &Vector2::new((x0 + x1) / 2.0, y1))?;
+        let foot = self.view.surface_from_pixel(&bbox_foot(self.bbox_px))?;
         let behind = foot
             + foot.try_normalize(f64::MIN_POSITIVE).unwrap_or_default()
                 * (self.body.dims_m.x + self.body.dims_m.y)

@@ -31,7 +31,7 @@ pub fn body_box(
     class: VehicleClass,
     dims_m: &Vector3<f64>,
 ) -> Option<[f64; 4]> {
-    let camera_from_car = view.plane.camera_from_world() * pose.world_from_car();
+    let camera_from_car = view.camera_from_car(pose);
     let outline = if class == VehicleClass::Car { SALOON } else { BOX };
     let mut bbox = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
     for &(half_length, half_width, height) in outline {

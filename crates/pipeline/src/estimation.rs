@@ -1,5 +1,6 @@
 //! Estimation: computes the camera over time, the poses of cars and smoothed tracks from the records of all frames.
 
+use std::cell::{Cell, RefCell};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -12,7 +13,7 @@ use roadplane_track::{ClockReader, Evidence, Join, Track};
 use roadplane_write::{FrameReader, PoseLines, RunStatus, read_jsonl};
 
 use crate::cameras::camera_track::CameraTrack;
-use crate::cameras::estimate::{estimate_cameras, optics_of};
+use crate::cameras::estimate::{CameraInputs, optics_of};
 use crate::cameras::known::{contradiction, in_first_picture};
 use crate::cameras::memory::CameraHistory;
 use crate::not_followed::{FollowCount, NotFollowed};
@@ -181,16 +182,29 @@ pub(crate) fn solve_constrained_clip(
     };
     let Given { history, most_rows, .. } = *given;
     let (constraints, site, on_frames) = in_first_picture(given.constraints, given.site, read)?;
-    let (mut load, mut follow, mut clock) = (Load::default(), FollowCount::default(), ClockReader::default());
-    let counted = read()?.inspect(|frame| {
-        if let Ok(frame) = frame {
-            load.add(frame);
-            follow.add(frame);
-            clock.add(frame);
-        }
-    });
-    let mut cameras =
-        estimate_cameras(counted, &optics, atlas, &constraints, history, given.empty_scene, config)?;
+    let counts = RefCell::new((Load::default(), FollowCount::default(), ClockReader::default()));
+    let is_first = Cell::new(true);
+    let frames = || -> Result<_, PipelineError> {
+        let counts = is_first.replace(false).then_some(&counts);
+        Ok(read()?.inspect(move |frame| {
+            if let (Ok(frame), Some(counts)) = (frame, counts) {
+                let (load, follow, clock) = &mut *counts.borrow_mut();
+                load.add(frame);
+                follow.add(frame);
+                clock.add(frame);
+            }
+        }))
+    };
+    let inputs = CameraInputs {
+        optics: &optics,
+        atlas,
+        known: &constraints,
+        recall: history,
+        scene: given.empty_scene,
+        config,
+    };
+    let mut cameras = inputs.estimate(frames)?;
+    let (load, follow, clock) = counts.into_inner();
     let mut warnings = warnings_of(&cameras);
     let placed = site.as_ref().map(|site| cameras.put_on_map(site)).transpose();
     if let Err(why) = &placed {

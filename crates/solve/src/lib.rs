@@ -76,4 +76,4 @@ pub use scene::fit::{CarFit, fit_car};
 pub use scene::free::{FreeCarFit, FreeSceneSolution, fit_free_car, solve_free_scene};
 pub use scene::refine::{GivenScene, refine_scene, scene_bound};
 pub use scene::solve::solve_scene;
-pub use solution::{CarSolution, CarView, SceneSolution, SceneStatus};
+pub use solution::{CarSolution, CarView, PlaneEvidence, SceneSolution, SceneStatus};

@@ -1,6 +1,6 @@
 //! Input and output of a solve.
 
-use nalgebra::{Isometry3, Matrix3, Matrix4, Matrix6};
+use nalgebra::{Isometry3, Matrix3, Matrix4, Matrix6, Vector3};
 use roadplane_base::{CameraParams, GroundPose, JointInformation, KEYPOINTS, KeypointSet, Shape};
 
 use crate::linear::lm::Termination;
@@ -86,6 +86,18 @@ pub struct CarSolution {
     pub used: bool,
 }
 
+/// Evidence of the keypoints of one view on (tilt, roll, log height) of the plane below its car.
+///
+/// The cost is quadratic near the solution: `gradientᵀ d + ½ dᵀ information d` for the change d of the three numbers.
+/// The pose is eliminated. Focal length and shape are those of the solution.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct PlaneEvidence {
+    /// Hessian of the cost.
+    pub information: Matrix3<f64>,
+    /// Gradient of the cost at the plane of the solution.
+    pub gradient: Vector3<f64>,
+}
+
 /// Solution of a frame.
 #[derive(Clone, Debug)]
 pub struct SceneSolution {
@@ -104,6 +116,8 @@ pub struct SceneSolution {
     pub covariance: Matrix4<f64>,
     /// Solution of the car in each view, in the order of the input; `None` if the view could not be fitted.
     pub cars: Vec<Option<CarSolution>>,
+    /// Evidence of each view on the plane below its car; `None` if the view had no part in the solution.
+    pub plane_evidence: Vec<Option<PlaneEvidence>>,
     /// Cost at the minimum: the negative log posterior up to a constant.
     pub cost: f64,
     /// Number of linearisations in the final descent.

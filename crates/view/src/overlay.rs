@@ -3,7 +3,8 @@
 use image::RgbImage;
 use nalgebra::{Isometry3, Point3, Vector2, Vector3};
 use roadplane_base::{
-    Camera, GroundPlane, KEYPOINTS, PictureMotion, Shape, ShapeAtlas, TrackRow, VehicleClass, skeleton_edges,
+    Camera, Ground, GroundPlane, KEYPOINTS, PictureMotion, Shape, ShapeAtlas, TrackRow, VehicleClass,
+    skeleton_edges,
 };
 
 use crate::ViewError;
@@ -49,7 +50,7 @@ pub struct DrawnCar<'a> {
 pub struct Overlay<'a> {
     canvas: Canvas,
     camera: &'a Camera,
-    plane: &'a GroundPlane,
+    ground: &'a Ground,
     atlas: &'a ShapeAtlas,
     thickness: i32,
     /// Mapping from the pixels of `camera` to those of the picture; `None` if the picture is not displaced.
@@ -64,11 +65,11 @@ impl<'a> Overlay<'a> {
     pub fn new(
         picture: &RgbImage,
         camera: &'a Camera,
-        plane: &'a GroundPlane,
+        ground: &'a Ground,
         atlas: &'a ShapeAtlas,
     ) -> Result<Self, ViewError> {
         let thickness = if picture.width() >= 1600 { 2 } else { 1 };
-        Ok(Self { canvas: Canvas::new(picture)?, camera, plane, atlas, thickness, picture_from_world: None })
+        Ok(Self { canvas: Canvas::new(picture)?, camera, ground, atlas, thickness, picture_from_world: None })
     }
 
     /// Draws into the picture of a camera that moved. `picture_from_world` maps the pixels of the camera to its pixels.
@@ -110,7 +111,7 @@ impl<'a> Overlay<'a> {
         self.footprint(row, colour)?;
         match row.class {
             VehicleClass::Car => {
-                let camera_from_car = self.plane.camera_from_world() * row.pose().world_from_car();
+                let camera_from_car = self.camera_from_car(row);
                 self.posed(&camera_from_car, car.shape, colour)?;
             }
             VehicleClass::Truck | VehicleClass::Bus | VehicleClass::Motorcycle => self.cuboid(row, colour)?,
@@ -171,8 +172,7 @@ impl<'a> Overlay<'a> {
 
     /// Draws a vehicle as a cuboid. Trucks and buses are drawn in this form, because they have no fitted shape.
     fn cuboid(&mut self, row: &TrackRow, colour: Rgb) -> Result<(), ViewError> {
-        let pose = row.pose();
-        let camera_from_car = self.plane.camera_from_world() * pose.world_from_car();
+        let camera_from_car = self.camera_from_car(row);
         let (l, w) = (row.length_m / 2.0, row.width_m / 2.0);
         let corner = |forward: f64, left: f64, up: f64| {
             self.pixel(&(camera_from_car * Point3::new(forward, left, up)))
@@ -240,6 +240,15 @@ impl<'a> Overlay<'a> {
         Some(self.picture_from_world.map_or(pixel, |mapping| mapping.apply(&pixel)))
     }
 
+    fn camera_from_world(&self) -> Isometry3<f64> {
+        self.ground.first().plane.camera_from_world()
+    }
+
+    /// Returns the rigid motion from a vehicle's frame to the camera frame.
+    fn camera_from_car(&self, row: &TrackRow) -> Isometry3<f64> {
+        self.camera_from_world() * row.world_from_car()
+    }
+
     fn ground_line(
         &mut self,
         a: [f64; 2],
@@ -247,9 +256,9 @@ impl<'a> Overlay<'a> {
         colour: Rgb,
         thickness: i32,
     ) -> Result<(), ViewError> {
-        let camera_from_world = self.plane.camera_from_world();
+        let camera_from_world = self.camera_from_world();
         let pixel = |[x, y]: [f64; 2]| {
-            let point = camera_from_world * Point3::new(x, y, 0.0);
+            let point = camera_from_world * Point3::new(x, y, self.ground.height_at(x, y));
             if point.z > 1.0 { self.pixel(&point) } else { None }
         };
         match (pixel(a), pixel(b)) {
@@ -290,7 +299,7 @@ mod tests {
         let camera = Camera::centred(900.0, ImageSize { width: 640, height: 480 });
         let plane = GroundPlane::from_tilt_roll_height(0.4, 0.0, 8.0);
         let black = RgbImage::new(640, 480);
-        let mut overlay = Overlay::new(&black, &camera, &plane, &atlas).unwrap();
+        let mut overlay = Overlay::new(&black, &camera, &Ground::plane(plane), &atlas).unwrap();
         let pose = GroundPose { x_m: 0.0, y_m: 18.0, heading_rad: 0.7 };
         let row = TrackRow {
             x_m: pose.x_m,
@@ -328,7 +337,8 @@ mod tests {
         let atlas = ShapeAtlas::shipped().unwrap();
         let camera = Camera::centred(900.0, ImageSize { width: 640, height: 480 });
         let plane = GroundPlane::from_tilt_roll_height(0.2, 0.05, 8.0);
-        let mut overlay = Overlay::new(&RgbImage::new(640, 480), &camera, &plane, &atlas).unwrap();
+        let mut overlay =
+            Overlay::new(&RgbImage::new(640, 480), &camera, &Ground::plane(plane), &atlas).unwrap();
         overlay.horizon(&camera, &plane, [255, 0, 0]).unwrap();
         let drawn = overlay.finish().unwrap();
         for x_m in [-2e6, 0.0, 3e6] {

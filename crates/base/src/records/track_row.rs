@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use super::vehicle_class::VehicleClass;
 use crate::GroundPose;
+use nalgebra::{Isometry3, Translation3};
 
 /// One vehicle in one frame: a row of `tracks.parquet`, `tracks.csv` and `tracks.jsonl`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -96,6 +97,13 @@ pub struct TrackRow {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0, max = 1))]
     pub same_vehicle_p: Option<f64>,
+    /// Number of the plane below the vehicle, from 0, in the list `ground` of `camera.json`. This column and the next one
+    /// are present if the ground has several planes.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ground: Option<usize>,
+    /// World z of the vehicle's position, m: the height above the first plane. Without this column it is 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub z_m: Option<f64>,
     /// Position on the map, present if the user gave the camera's position. Each of its fields is a column.
     #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
     pub on_map: Option<OnMap>,
@@ -137,5 +145,11 @@ impl TrackRow {
     #[must_use]
     pub fn pose(&self) -> GroundPose {
         GroundPose { x_m: self.x_m, y_m: self.y_m, heading_rad: self.heading_rad }
+    }
+
+    /// Returns the rigid motion from the vehicle's frame to the world frame, m. The vehicle is upright on any plane.
+    #[must_use]
+    pub fn world_from_car(&self) -> Isometry3<f64> {
+        Translation3::new(0.0, 0.0, self.z_m.unwrap_or(0.0)) * self.pose().world_from_car()
     }
 }

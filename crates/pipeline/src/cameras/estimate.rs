@@ -3,9 +3,12 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use roadplane_base::{CameraEstimate, FrameRecord, ImageSize, Lens, Registration, ShapeAtlas};
+use roadplane_base::{
+    CameraEstimate, FrameRecord, ImageSize, Lens, ParkedCar, Registration, ShapeAtlas, bbox_foot,
+};
 use roadplane_calibrate::{
-    Cues, EvidenceBuilder, FuseOptions, Joined, SceneLines, Turns, Window, WindowEstimate, epochs, fuse, join,
+    CarIdentity, Cues, EvidenceBuilder, Fold, FuseOptions, GroundEvidence, Joined, SceneLines, Turns, Window,
+    WindowEstimate, epochs, fuse, join,
 };
 use roadplane_measure::usable;
 use roadplane_write::FrameReader;
@@ -18,6 +21,7 @@ use crate::cameras::lens::LensOfClip;
 use crate::cameras::memory::{CameraHistory, look};
 use crate::cameras::optics::Optics;
 use crate::cameras::remembered::{add_remembered, evidence_of, own_epoch};
+use crate::cameras::second_plane::SecondPlane;
 use crate::cameras::window::Solving;
 use crate::{Config, PipelineError};
 
@@ -26,7 +30,7 @@ use crate::{Config, PipelineError};
 /// The cars of the first window check a lens that comes from edges: their focal length must suit it.
 ///
 /// # Errors
-/// As for [`Optics::of`] and [`estimate_cameras`].
+/// As for [`Optics::of`] and [`CameraInputs::estimate`].
 pub(crate) fn optics_of(
     frames: &Path,
     known: &CameraConstraints,
@@ -38,10 +42,13 @@ pub(crate) fn optics_of(
     // With a given focal length, the edges were already tested with it.
     let is_open = |lens: &&LensOfClip| lens.is_of_edges && known.focal_px().is_none();
     let Some(lens) = optics.lens.as_ref().filter(is_open) else { return Ok(optics) };
-    let first = within(FrameReader::open(frames)?, config.calibrate.window_s);
-    let first = optics.convert(first.map(|frame| frame.map_err(PipelineError::from)));
+    let first = || -> Result<_, PipelineError> {
+        let first = within(FrameReader::open(frames)?, config.calibrate.window_s);
+        Ok(optics.convert(first.map(|frame| frame.map_err(PipelineError::from))))
+    };
     let (known, _) = known.with_frames(&BTreeMap::new());
-    let cameras = estimate_cameras(first, &optics, atlas, &known, None, None, config)?;
+    let inputs = CameraInputs { optics: &optics, atlas, known: &known, recall: None, scene: None, config };
+    let cameras = inputs.estimate(first)?;
     let Some(camera) = cameras.estimates.first() else { return Ok(optics) };
     if lens.suits(camera) {
         return Ok(optics);
@@ -50,99 +57,179 @@ pub(crate) fn optics_of(
     Optics::with_lens(lens.clone().without_distortion(), frames)
 }
 
-/// Estimates the camera from all frames, its lens and motion, user constraints and the camera database. `scene` says
-/// how the picture of the empty scene lies on the picture of an earlier frame.
-///
-/// If nothing can be estimated the result has the status "unobservable".
-///
-/// # Errors
-/// Any error of reading a frame; [`PipelineError::Usage`] where constraints belong to other pictures.
-pub(crate) fn estimate_cameras(
-    frames: impl Iterator<Item = Result<FrameRecord, PipelineError>>,
-    optics: &Optics,
-    atlas: &ShapeAtlas,
-    known: &CameraConstraints,
-    recall: Option<&CameraHistory>,
-    scene: Option<&Registration>,
-    config: &Config,
-) -> Result<CameraTrack, PipelineError> {
-    let lens = optics.lens.as_ref().map_or(Lens::STRAIGHT, |of_clip| of_clip.lens);
-    let mut known = known.clone();
-    let mut builder = EvidenceBuilder::new(config.calibrate.window_s);
-    let mut solving = Solving::new(atlas, config);
-    let mut visits: Vec<Visit> = Vec::new();
-    let mut size = None;
-    let mut span_s = [f64::INFINITY, f64::NEG_INFINITY];
-    let mut frame_count = 0;
-    let mut scene_lines = SceneLines::default();
-    let mut take = |window: Option<Window>, size: ImageSize, lens: Lens, known: &CameraConstraints| {
-        let Some(window) = window else { return };
-        match visits.last_mut() {
-            Some(visit) if visit.position == window.segment => visit.span_s[1] = window.span_s[1],
-            _ => visits.push(Visit { position: window.segment, span_s: window.span_s }),
-        }
-        solving.solve(&window, size, lens, known.focal_px());
-    };
-    for frame in frames {
-        let mut frame = frame?;
-        if size.is_none() {
-            known = known.for_pictures(frame.image_size_px)?.seen_through(lens);
-        }
-        let image_size = *size.get_or_insert(frame.image_size_px);
-        span_s = [span_s[0].min(frame.time_s), span_s[1].max(frame.time_s)];
-        frame_count += 1;
-        scene_lines.take(&mut frame);
-        for car in &mut frame.cars {
-            if let Some(set) = &mut car.keypoints {
-                **set = usable(set, config.solve.min_keypoint_score);
+/// Evidence on the camera of a clip other than its frames.
+pub(crate) struct CameraInputs<'a> {
+    /// Lens of the clip, and the motion of its camera.
+    pub optics: &'a Optics,
+    /// The shape atlas.
+    pub atlas: &'a ShapeAtlas,
+    /// User constraints.
+    pub known: &'a CameraConstraints,
+    /// Evidence of the camera's other clips.
+    pub recall: Option<&'a CameraHistory>,
+    /// How the picture of the empty scene lies on the picture of an earlier frame.
+    pub scene: Option<&'a Registration>,
+    /// The configuration.
+    pub config: &'a Config,
+}
+
+impl CameraInputs<'_> {
+    /// Estimates the camera from all frames and the other evidence. `frames` opens the clip's frames; if the ground is
+    /// not one plane, they are read twice.
+    ///
+    /// If nothing can be estimated the result has the status "unobservable".
+    ///
+    /// # Errors
+    /// Any error of reading a frame; [`PipelineError::Usage`] where constraints belong to other pictures.
+    pub(crate) fn estimate<I>(
+        &self,
+        frames: impl Fn() -> Result<I, PipelineError>,
+    ) -> Result<CameraTrack, PipelineError>
+    where
+        I: Iterator<Item = Result<FrameRecord, PipelineError>>,
+    {
+        let clip = self.solve(frames()?, None)?;
+        // The planes of a moved camera are not followed from one position to the next.
+        let fold = if clip.visits.len() == 1 { clip.ground.fold() } else { None };
+        if let Some(fold) = fold.filter(Fold::is_certain) {
+            let cameras = self.join(self.solve(frames()?, Some(&fold))?, Some(&fold));
+            if cameras.second_plane.is_some() {
+                return Ok(cameras);
             }
         }
-        take(builder.push(frame), image_size, lens, &known);
+        Ok(self.join(clip, None))
     }
-    let (Some(size), Some(of_clip)) = (size, &optics.lens) else {
-        return Ok(CameraTrack { visits, ..CameraTrack::default() });
-    };
-    take(builder.finish(), size, lens, &known);
-    let position = visits.last().map_or(0, |visit| visit.position);
-    let positions = positions(&visits);
-    let (mut windows, parked) = (solving.windows, solving.parked);
-    let mut options = of_clip.count(&windows, fuse_options(size, positions, &known, config));
-    let empty_scene = EmptySceneView::of(scene, &optics.places, position, size);
-    let evidence = recall.and_then(|recall| {
-        let options = options.for_cars();
-        let view = empty_scene.as_ref()?;
-        let (said, cars) = evidence_of(recall, &windows, position, span_s, &parked, view, &options)?;
-        let epochs = epochs(&recall.evidence, &look, &options);
-        if let Some(epoch) = own_epoch(recall, &said, &epochs, &options) {
-            add_remembered(&mut windows, position, epoch, (&said, &cars), view);
+
+    /// Solves the windows of a clip.
+    fn solve(
+        &self,
+        frames: impl Iterator<Item = Result<FrameRecord, PipelineError>>,
+        fold: Option<&Fold>,
+    ) -> Result<ClipWindows, PipelineError> {
+        let lens = self.optics.lens.as_ref().map_or(Lens::STRAIGHT, |of_clip| of_clip.lens);
+        let mut known = self.known.clone();
+        let mut builder = EvidenceBuilder::new(self.config.calibrate.window_s);
+        let mut solving = Solving::new(self.atlas, self.config);
+        let mut visits: Vec<Visit> = Vec::new();
+        let mut size = None;
+        let mut span_s = [f64::INFINITY, f64::NEG_INFINITY];
+        let mut frame_count = 0;
+        let mut scene_lines = SceneLines::default();
+        let mut take = |window: Option<Window>, size: ImageSize, known: &CameraConstraints| {
+            let Some(window) = window else { return };
+            match visits.last_mut() {
+                Some(visit) if visit.position == window.segment => visit.span_s[1] = window.span_s[1],
+                _ => visits.push(Visit { position: window.segment, span_s: window.span_s }),
+            }
+            let foot_px = |bbox_px: &[f64; 4]| lens.undistorted(&(bbox_foot(bbox_px) - size.centre_px()));
+            match fold {
+                Some(fold) => window.divided(fold, foot_px).iter().for_each(|window| {
+                    solving.solve(window, size, lens, known.focal_px());
+                }),
+                None => solving.solve(&window, size, lens, known.focal_px()),
+            }
+        };
+        for frame in frames {
+            let mut frame = frame?;
+            if size.is_none() {
+                known = known.for_pictures(frame.image_size_px)?.seen_through(lens);
+            }
+            let image_size = *size.get_or_insert(frame.image_size_px);
+            span_s = [span_s[0].min(frame.time_s), span_s[1].max(frame.time_s)];
+            frame_count += 1;
+            scene_lines.take(&mut frame);
+            for car in &mut frame.cars {
+                if let Some(set) = &mut car.keypoints {
+                    **set = usable(set, self.config.solve.min_keypoint_score);
+                }
+            }
+            take(builder.push(frame), image_size, &known);
         }
-        Some(said)
-    });
-    let turns: BTreeMap<usize, Turns> = optics.places.turns().collect();
-    if windows.is_empty() && !(known.is_silent() && turns.is_empty()) {
-        windows.push(WindowEstimate::without_cars(&options, span_s, 0));
+        if let Some(size) = size {
+            take(builder.finish(), size, &known);
+        }
+        let Solving { windows, parked, ground, .. } = solving;
+        Ok(ClipWindows { windows, parked, ground, visits, size, span_s, frame_count, scene_lines, known })
     }
-    let position_at = |time_s: f64| position_at(&visits, time_s);
-    let lines =
-        if config.solve.use_verticals { scene_lines.by_position(position_at) } else { BTreeMap::new() };
-    let cues = Cues { lines, turns }.evaluate(&windows, &options);
-    for view in &cues {
-        view.add_factors(&mut options.factors);
-    }
-    let Joined { estimates, segments, size_of_cars } = join(&windows, &options);
-    let mut estimates = by_visits(estimates, &segments, &visits);
-    if estimates.is_empty() {
-        estimates.push(options.unobservable(span_s));
-        tracing::warn!("the camera cannot be estimated from the cars of {frame_count} frames");
-    }
-    let constraints = known.checked(size, |others| {
-        let mut factors = factors_by_position(size, positions, others);
+
+    /// Joins the windows of a clip with all other evidence.
+    fn join(&self, clip: ClipWindows, fold: Option<&Fold>) -> CameraTrack {
+        let Self { optics, config, .. } = *self;
+        let ClipWindows { mut windows, parked, visits, span_s, known, .. } = clip;
+        let (Some(size), Some(of_clip)) = (clip.size, &optics.lens) else {
+            return CameraTrack { visits, ..CameraTrack::default() };
+        };
+        let position = visits.last().map_or(0, |visit| visit.position);
+        let positions = positions(&visits);
+        let mut options = of_clip.count(&windows, fuse_options(size, positions, &known, config));
+        let empty_scene = EmptySceneView::of(self.scene, &optics.places, position, size);
+        let evidence = self.recall.and_then(|recall| {
+            let options = options.for_cars();
+            let view = empty_scene.as_ref()?;
+            let (said, cars) = evidence_of(recall, &windows, position, span_s, &parked, view, &options)?;
+            let epochs = epochs(&recall.evidence, &look, &options);
+            if let Some(epoch) = own_epoch(recall, &said, &epochs, &options) {
+                add_remembered(&mut windows, position, epoch, (&said, &cars), view);
+            }
+            Some(said)
+        });
+        let turns: BTreeMap<usize, Turns> = optics.places.turns().collect();
+        if windows.is_empty() && !(known.is_silent() && turns.is_empty()) {
+            windows.push(WindowEstimate::without_cars(&options, span_s, 0));
+        }
+        let position_at = |time_s: f64| position_at(&visits, time_s);
+        let lines = match config.solve.use_verticals {
+            true => clip.scene_lines.by_position(position_at),
+            false => BTreeMap::new(),
+        };
+        let cues = Cues { lines, turns }.evaluate(&windows, &options);
         for view in &cues {
-            view.add_factors(&mut factors);
+            view.add_factors(&mut options.factors);
         }
-        fuse(&windows, &FuseOptions { factors, ..options.clone() }).into_iter().next()
-    });
-    Ok(CameraTrack { estimates, visits, evidence, size_of_cars, constraints, scene: cues, empty_scene })
+        let Joined { mut estimates, mut segments, size_of_cars } = join(&windows, &options);
+        let second_plane = fold.and_then(|fold| SecondPlane::take(fold, &mut estimates, &mut segments));
+        let mut estimates = by_visits(estimates, &segments, &visits);
+        if estimates.is_empty() {
+            estimates.push(options.unobservable(span_s));
+            tracing::warn!("the camera cannot be estimated from the cars of {} frames", clip.frame_count);
+        }
+        let constraints = known.checked(size, |others| {
+            let mut factors = factors_by_position(size, positions, others);
+            for view in &cues {
+                view.add_factors(&mut factors);
+            }
+            fuse(&windows, &FuseOptions { factors, ..options.clone() }).into_iter().next()
+        });
+        CameraTrack {
+            estimates,
+            second_plane,
+            visits,
+            evidence,
+            size_of_cars,
+            constraints,
+            scene: cues,
+            empty_scene,
+        }
+    }
+}
+
+/// The solved windows of a clip, and what its frames show besides.
+struct ClipWindows {
+    windows: Vec<WindowEstimate>,
+    /// Parked vehicles of all windows.
+    parked: BTreeMap<CarIdentity, ParkedCar>,
+    /// Evidence on the shape of the ground.
+    ground: GroundEvidence,
+    /// Visits of the camera to its positions.
+    visits: Vec<Visit>,
+    /// Size of the pictures; `None` without frames.
+    size: Option<ImageSize>,
+    /// Time of the first and the last frame, s.
+    span_s: [f64; 2],
+    frame_count: usize,
+    scene_lines: SceneLines,
+    /// User constraints for pictures of this size and lens.
+    known: CameraConstraints,
 }
 
 /// Returns the camera before any car is used: the prior and the user constraints.

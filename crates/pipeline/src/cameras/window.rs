@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use roadplane_base::{Camera, CameraParams, ImageSize, Keypoint, Lens, ParkedCar, ShapeAtlas};
-use roadplane_calibrate::{CarIdentity, CarUse, View, Window, WindowEstimate};
+use roadplane_calibrate::{CarIdentity, CarUse, GroundEvidence, GroundView, View, Window, WindowEstimate};
 use roadplane_measure::projected_box;
 use roadplane_solve::{CarView, SceneOptions, solve_scene};
 
@@ -15,25 +15,28 @@ pub(crate) struct Solving<'a> {
     atlas: &'a ShapeAtlas,
     /// The configuration.
     config: &'a Config,
-    /// Camera of the last solved window, where the next solve starts.
-    start: Option<CameraParams>,
+    /// Camera of the last solved window by segment. The next solve starts there.
+    starts: BTreeMap<usize, CameraParams>,
     /// Estimates of the solved windows, in order.
     pub windows: Vec<WindowEstimate>,
     /// Parked vehicles of all solved windows.
     pub parked: BTreeMap<CarIdentity, ParkedCar>,
+    /// Evidence of all solved windows on the shape of the ground.
+    pub ground: GroundEvidence,
 }
 
 impl<'a> Solving<'a> {
     /// Creates a solver without windows.
     pub fn new(atlas: &'a ShapeAtlas, config: &'a Config) -> Self {
-        let (windows, parked) = Default::default();
-        Self { atlas, config, start: None, windows, parked }
+        let (starts, windows, parked, ground) = Default::default();
+        Self { atlas, config, starts, windows, parked, ground }
     }
 
     /// Solves a window and stores its results. A window without a usable solution is dropped.
     pub fn solve(&mut self, window: &Window, size: ImageSize, lens: Lens, focal_px: Option<f64>) {
         let (atlas, config) = (self.atlas, self.config);
-        let options = SceneOptions { start: self.start, lens, ..config.solve.scene_options(focal_px) };
+        let start = self.starts.range(..=window.segment).next_back().map(|(_, camera)| *camera);
+        let options = SceneOptions { start, lens, ..config.solve.scene_options(focal_px) };
         let mut links: Vec<_> = window.views.iter().map(|view| view.link).collect();
         links.sort_unstable();
         links.dedup();
@@ -77,6 +80,22 @@ impl<'a> Solving<'a> {
         if !solution.status.usable() {
             return;
         }
+        let on_ground = views.iter().zip(&solution.cars).zip(&solution.plane_evidence);
+        self.ground.add(
+            solution.params,
+            on_ground.filter_map(|((view, car), evidence)| {
+                let (car, evidence) = (car.as_ref().filter(|car| car.used)?, evidence.as_ref()?);
+                let foot = car.camera_from_car.translation.vector;
+                let foot_px = foot.xy() * (solution.params.focal_px() / foot.z);
+                Some(GroundView {
+                    link: view.link,
+                    parked: view.parked,
+                    foot_px,
+                    information: evidence.information,
+                    gradient: evidence.gradient,
+                })
+            }),
+        );
         let used = views.iter().zip(&solution.cars).filter(|(_, car)| car.as_ref().is_some_and(|c| c.used));
         let used: Vec<&View> = used.map(|(view, _)| *view).collect();
         let mut cars: Vec<CarUse> = used
@@ -86,7 +105,7 @@ impl<'a> Solving<'a> {
         cars.sort_by_key(|used| used.car);
         cars.dedup_by_key(|used| used.car);
         let (params, joint) = solution.by_cars();
-        self.start = Some(params);
+        self.starts.insert(window.segment, params);
         self.windows.push(WindowEstimate {
             span_s: window.span_s,
             frames: window.frames,

@@ -10,7 +10,7 @@ use roadplane_measure::{FrameCamera, any_car, fit_frame, usable};
 use roadplane_solve::{FreeCarFit, SceneOptions, ShapePrior, fit_free_car};
 use roadplane_write::{FrameReader, PoseLines, write_camera};
 
-use crate::cameras::estimate::{estimate_cameras, optics_of, prior_camera};
+use crate::cameras::estimate::{CameraInputs, optics_of, prior_camera};
 use crate::cameras::frame::{estimate_frame, estimate_frame_as_paper};
 use crate::cameras::known::{contradiction, in_first_picture};
 use crate::tracks::poses::{CarriedPoses, free_pose_record, pose_record};
@@ -83,12 +83,13 @@ pub fn solve_file(
         SolveMethod::Joint => {
             let (constraints, _, warning) = in_first_picture(constraints, None, || read("frames"))?;
             warning.iter().for_each(|warning| tracing::warn!("{warning}"));
-            let cameras =
-                estimate_cameras(read("camera")?, &optics, &atlas, &constraints, None, None, config)?;
+            let (optics, atlas, known) = (&optics, &atlas, &constraints);
+            let inputs = CameraInputs { optics, atlas, known, recall: None, scene: None, config };
+            let cameras = inputs.estimate(|| read("camera"))?;
             for frame in read("poses")? {
                 let frame = frame?;
                 if let Some(estimate) = cameras.at(frame.time_s) {
-                    poses.on_plane(&frame, estimate, any_car(&atlas, cameras.size_of_cars))?;
+                    poses.on_plane(&frame, &cameras.view(estimate), any_car(atlas, cameras.size_of_cars))?;
                 }
             }
             for warning in cameras.constraints.iter().filter_map(contradiction) {
@@ -101,7 +102,7 @@ pub fn solve_file(
                 let frame = frame?;
                 let constraints = constraints.for_pictures(frame.image_size_px)?;
                 let estimate = estimate_frame(&frame, &atlas, &constraints, config);
-                poses.on_plane(&frame, &estimate, ShapePrior::default())?;
+                poses.on_plane(&frame, &FrameCamera::from(&estimate), ShapePrior::default())?;
                 estimates.push(estimate);
             }
         }
@@ -168,17 +169,16 @@ impl Poses<'_> {
     fn on_plane(
         &mut self,
         frame: &FrameRecord,
-        estimate: &CameraEstimate,
+        view: &FrameCamera,
         shape: ShapePrior,
     ) -> Result<(), PipelineError> {
         self.check_stop()?;
-        let view = FrameCamera::from(estimate);
         let fits =
-            fit_frame(frame, &view, self.atlas, &self.scene, self.config.solve.min_keypoint_score, |_| {
+            fit_frame(frame, view, self.atlas, &self.scene, self.config.solve.min_keypoint_score, |_| {
                 (shape, None)
             });
         for (i, fit) in fits.iter().enumerate() {
-            let fitted = fit.as_ref().and_then(|fit| pose_record(frame, i, fit, self.atlas));
+            let fitted = fit.as_ref().and_then(|fit| pose_record(frame, i, fit, view, self.atlas));
             if let Some(pose) = &fitted {
                 self.carried.store(pose);
             }
@@ -197,7 +197,7 @@ impl Poses<'_> {
         fits: &[Option<FreeCarFit>],
     ) -> Result<(), PipelineError> {
         self.check_stop()?;
-        let plane = FrameCamera::from(estimate).plane;
+        let plane = estimate.params.plane();
         for (i, fit) in fits.iter().enumerate() {
             let record =
                 fit.as_ref().and_then(|fit| free_pose_record(frame, i, fit, &plane, &self.scene, self.atlas));

@@ -84,7 +84,7 @@ impl Pass<'_> {
             let tracker = at_position.entry(position).or_insert_with(new);
             views.add(&frame);
             let picture_px = frame.picture_px();
-            let view = FrameCamera::from(estimate);
+            let view = self.cameras.view(estimate);
             let prior =
                 |i: usize| match known.and_then(|known| known.get(&CarRef { frame: frame.frame, car: i })) {
                     Some(KnownCar { vehicle, pose, .. }) => {
@@ -155,7 +155,7 @@ impl Pass<'_> {
                     }
                 }
                 let Some(fit) = fit else { continue };
-                if let Some(mut pose) = pose_record(&frame, index, &fit, self.atlas) {
+                if let Some(mut pose) = pose_record(&frame, index, &fit, &view, self.atlas) {
                     pose.used = reason.is_none() && is_car;
                     looks.store(&pose);
                     if own {

@@ -6,7 +6,7 @@ use nalgebra::Isometry3;
 use roadplane_base::{
     CarRef, FrameRecord, GroundPlane, KEYPOINTS, PoseRecord, Shape, ShapeAtlas, rows_from_isometry,
 };
-use roadplane_measure::POSE_SD_RATIO;
+use roadplane_measure::{FrameCamera, POSE_SD_RATIO};
 use roadplane_solve::{CarFit, FreeCarFit, SceneOptions};
 
 use crate::stream::cadence::RESET_S;
@@ -17,12 +17,14 @@ pub fn pose_record(
     frame: &FrameRecord,
     index: usize,
     fit: &CarFit,
+    view: &FrameCamera,
     atlas: &ShapeAtlas,
 ) -> Option<PoseRecord> {
     let car = &fit.car;
+    let part = view.part_of_box(&frame.cars.get(index)?.bbox_px);
     let sd = |i: usize| sd_of(car.ground_covariance[(i, i)]);
     let pose = Pose {
-        world_from_car: car.ground.world_from_car(),
+        world_from_car: part.world_from_plane * part.from_surface(&car.ground).world_from_car(),
         camera_from_car: car.camera_from_car,
         sd: [sd(0), sd(1), sd(2)],
         shape: car.shape,

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use roadplane_base::{TrackRow, bbox_share_inside};
-use roadplane_measure::{FrameCamera, body_box, overlap_inside, projected_box};
+use roadplane_measure::{body_box, overlap_inside, projected_box};
 use roadplane_track::{Join, Track, TrackState};
 
 use crate::tracks::pass::Pass;
@@ -59,16 +59,19 @@ impl Pass<'_> {
             let in_view = |drawn: &[f64; 4]| bbox_share_inside(drawn, &picture_px) >= IN_VIEW_SHARE;
             let in_world = seen_px.or(projected.filter(in_view))?;
             let bbox_px = views.in_picture(state.stamp.index, &in_world);
+            let part = self.cameras.view(estimate).ground.part_at(state.pose.x_m, state.pose.y_m);
+            let (pose, z_m) = part.in_world(&state.pose);
             // The sds of each row include the error that all cars share.
-            let shared = shared_covariance(estimate, &state.pose);
+            let camera = self.cameras.camera_above(&part, estimate);
+            let shared = shared_covariance(camera, &part.from_surface(&state.pose));
             let whole = |own: f64, i: usize| (own * own + shared[(i, i)]).sqrt();
             Some(TrackRow {
                 frame: state.stamp.index,
                 time_s: state.stamp.time_s(),
                 track: track.id,
-                x_m: state.pose.x_m,
-                y_m: state.pose.y_m,
-                heading_rad: state.pose.heading_rad,
+                x_m: pose.x_m,
+                y_m: pose.y_m,
+                heading_rad: pose.heading_rad,
                 speed_mps: state.speed_mps,
                 x_sd_m: whole(state.pose_sd.x, 0),
                 y_sd_m: whole(state.pose_sd.y, 1),
@@ -88,9 +91,11 @@ impl Pass<'_> {
                 y_own_sd_m: Some(state.pose_sd.y),
                 exists_p: Some(track.evidence.probability()),
                 same_vehicle_p: same_vehicle_p(track, state),
-                on_map: self.place.and_then(|place| {
-                    place.on_map(&state.pose, [state.pose_sd.x, state.pose_sd.y], estimate).ok()
-                }),
+                ground: self.cameras.second_plane.is_some().then_some(part.index),
+                z_m: self.cameras.second_plane.is_some().then_some(z_m),
+                on_map: self
+                    .place
+                    .and_then(|place| place.on_map(&pose, [state.pose_sd.x, state.pose_sd.y], estimate).ok()),
             })
         };
         track.states.iter().filter_map(row).collect()
@@ -98,12 +103,11 @@ impl Pass<'_> {
 
     /// Returns the projected box of a vehicle, px; `None` where it is not in front of the camera.
     fn projected_box(&self, track: &Track, state: &TrackState) -> Option<[f64; 4]> {
-        let view = FrameCamera::from(self.cameras.at(state.stamp.time_s())?);
+        let view = self.cameras.view(self.cameras.at(state.stamp.time_s())?);
         if let Some(dims_m) = track.dims_m {
             return body_box(&view, &state.pose, track.class, &dims_m);
         }
-        let camera_from_car = view.plane.camera_from_world() * state.pose.world_from_car();
-        projected_box(self.atlas, &view.camera, &camera_from_car, &track.shape.mean)
+        projected_box(self.atlas, &view.camera, &view.camera_from_car(&state.pose), &track.shape.mean)
     }
 
     /// Returns the length, width and height of a track's vehicle, m.

@@ -50,9 +50,11 @@ pub(crate) fn read_out(
     let joints = problem.view_covariances(&covariance);
     let params = CameraParams::from_vector(&problem.state.camera);
     let mut cars: Vec<Option<CarSolution>> = vec![None; views.len()];
-    for (k, s) in members.iter().enumerate() {
-        let solved = car_solution(problem, k, &joints[k]);
-        cars[setup.usable_views[*s].index] = solved.map(|(car, _)| car);
+    let mut plane_evidence = vec![None; views.len()];
+    for (k, (s, evidence)) in members.iter().zip(problem.plane_evidence()).enumerate() {
+        let view = setup.usable_views[*s].index;
+        cars[view] = car_solution(problem, k, &joints[k]).map(|(car, _)| car);
+        plane_evidence[view] = evidence;
     }
     let camera = Camera { lens: options.lens, ..Camera::centred(params.focal_px(), setup.size) };
     for (s, usable_view) in setup.usable_views.iter().enumerate() {
@@ -71,6 +73,7 @@ pub(crate) fn read_out(
         information,
         covariance,
         cars,
+        plane_evidence,
         cost: report.cost,
         iterations: report.iterations,
         termination: report.termination,
@@ -87,6 +90,7 @@ pub(crate) fn unsolved(setup: &Setup<'_>, views: usize, status: SceneStatus) -> 
         information: JointInformation::none(),
         covariance: Matrix4::from_diagonal(&Vector4::from_fn(variance)),
         cars: vec![None; views],
+        plane_evidence: vec![None; views],
         cost: f64::INFINITY,
         iterations: 0,
         termination: Termination::Failed,

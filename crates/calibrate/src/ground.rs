@@ -1,0 +1,278 @@
+//! Finds a fold of the ground: a road that begins to rise or fall at a line.
+//!
+//! In each window, all cars were solved on one plane. A view k gives evidence on (tilt, roll, log height) of the plane
+//! below its car. A fold at the picture's line ℓ turns the plane beyond this line by the angle φ. Planes that meet in
+//! ℓ differ by a multiple of it: with q = normal / height in the camera frame, q' = q + κ ℓ. So the change of the three
+//! numbers beyond the line is φ d(ℓ), with one unknown angle φ.
+//!
+//! A car that is smaller than estimated seems farther away, like a car on a lower plane. So each car has an unknown
+//! log size, too, which all its views share. Planes and sizes are eliminated, and the evidence on φ remains. The angle
+//! has the prior of a road's slope. The density of the evidence over all lines, relative to φ = 0, decides whether the
+//! ground has a fold. All windows are then solved again, with one plane on either side of the line.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use nalgebra::{Matrix3, Matrix4, Vector2, Vector3, Vector4};
+use roadplane_base::{CameraParams, upper_median};
+
+use crate::{LinkId, VerticalVanishingPoint};
+
+/// Sd of a car's log size, given its keypoints in one view. The views of a car share this error.
+const SIZE_SD: f64 = 0.05;
+/// Number of directions of lines.
+const DIRECTIONS: usize = 12;
+/// Number of lines per direction.
+const LINES: usize = 12;
+/// Largest number of views. Later windows of a long clip are not used.
+const MOST_VIEWS: usize = 4000;
+/// Degrees of freedom of the error of a view. Views that contradict the others count less.
+const FREEDOM: f64 = 4.0;
+/// Number of rounds in which the views' weights are computed.
+const ROUNDS: usize = 5;
+
+/// Evidence of one view of a car on the plane below it.
+#[derive(Clone, Copy, Debug)]
+pub struct GroundView {
+    /// Identifier of the car.
+    pub link: LinkId,
+    /// Whether the car was stationary.
+    pub parked: bool,
+    /// The car's origin relative to the principal point, without lens distortion, px.
+    pub foot_px: Vector2<f64>,
+    /// Hessian of the cost by (tilt, roll, log height).
+    pub information: Matrix3<f64>,
+    /// Gradient of the cost.
+    pub gradient: Vector3<f64>,
+}
+
+/// Views of a window, and the plane on which they were solved.
+struct Solved {
+    params: CameraParams,
+    views: Vec<GroundView>,
+}
+
+/// A line in the picture at which the ground folds.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Fold {
+    /// Coefficients ℓ of the line: ℓ · (x, y, 1) = 0, where (x, y) is relative to the principal point, without lens
+    /// distortion, px. Beyond the line, ℓ · (x, y, 1) > 0, and fewer cars are there than on the other side.
+    pub line: Vector3<f64>,
+    /// Means of the cars' feet on this side of the line and beyond it, in the same pixels.
+    pub middles_px: [Vector2<f64>; 2],
+    /// Turn of the ground beyond the line, rad. It is positive in a hollow and negative on a crest.
+    pub angle_rad: f64,
+    /// Log of the evidence for a fold, relative to a plane ground.
+    pub log_evidence: f64,
+}
+
+impl Fold {
+    /// Least evidence of a certain fold: its probability is 95 % if 5 % of all sites have one.
+    const CERTAIN: f64 = 5.9;
+
+    /// Whether the ground has this fold with a probability of at least 95 %.
+    #[must_use]
+    pub fn is_certain(&self) -> bool {
+        self.log_evidence >= Self::CERTAIN
+    }
+
+    /// Whether a point of the picture lies beyond the line. It is relative to the principal point, without lens
+    /// distortion, px.
+    #[must_use]
+    pub fn is_beyond(&self, point_px: &Vector2<f64>) -> bool {
+        is_beyond(&self.line, point_px)
+    }
+}
+
+fn is_beyond(line: &Vector3<f64>, point_px: &Vector2<f64>) -> bool {
+    line.dot(&point_px.push(1.0)) > 0.0
+}
+
+/// Collects the evidence of windows on the shape of the ground.
+#[derive(Default)]
+pub struct GroundEvidence {
+    windows: Vec<Solved>,
+    parked: BTreeSet<LinkId>,
+    views: usize,
+}
+
+impl GroundEvidence {
+    /// Adds the views of a window that was solved with this camera. A parked car counts in one window only.
+    pub fn add(&mut self, params: CameraParams, views: impl Iterator<Item = GroundView>) {
+        if self.views >= MOST_VIEWS {
+            return;
+        }
+        let views: Vec<GroundView> =
+            views.filter(|view| !(view.parked && self.parked.contains(&view.link))).collect();
+        self.parked.extend(views.iter().filter(|view| view.parked).map(|view| view.link));
+        self.views += views.len();
+        self.windows.push(Solved { params, views });
+    }
+
+    /// Returns the most likely fold of the ground, whatever its evidence; `None` without views.
+    #[must_use]
+    pub fn fold(&self) -> Option<Fold> {
+        let weights = self.weights();
+        let lines = self.lines();
+        let folds: Vec<Fold> = lines.iter().filter_map(|line| self.at_line(line, &weights)).collect();
+        let best = folds.iter().copied().max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))?;
+        let shares = folds.iter().map(|fold| (fold.log_evidence - best.log_evidence).exp());
+        let mean = shares.sum::<f64>() / lines.len() as f64;
+        let (beyond, here): (Vec<_>, Vec<_>) = self.feet().partition(|foot| best.is_beyond(foot));
+        let middle = |feet: &[Vector2<f64>]| feet.iter().sum::<Vector2<f64>>() / feet.len() as f64;
+        let (line, middles_px) = match beyond.len() > here.len() {
+            true => (-best.line, [middle(&beyond), middle(&here)]),
+            false => (best.line, [middle(&here), middle(&beyond)]),
+        };
+        Some(Fold { line, middles_px, log_evidence: best.log_evidence + mean.ln(), ..best })
+    }
+
+    /// Returns the feet of all views, px.
+    fn feet(&self) -> impl Iterator<Item = Vector2<f64>> + '_ {
+        self.windows.iter().flat_map(|window| window.views.iter().map(|view| view.foot_px))
+    }
+
+    /// Returns the lines of a regular grid over the views.
+    fn lines(&self) -> Vec<Vector3<f64>> {
+        let mut lines = Vec::new();
+        for direction in 0..DIRECTIONS {
+            let (sin, cos) = (std::f64::consts::PI * direction as f64 / DIRECTIONS as f64).sin_cos();
+            let mut along: Vec<f64> = self.feet().map(|foot| cos * foot.x + sin * foot.y).collect();
+            along.sort_by(f64::total_cmp);
+            for i in 1..=LINES {
+                let Some(at) = along.get(i * along.len() / (LINES + 1)) else { continue };
+                lines.push(Vector3::new(cos, sin, -at));
+            }
+        }
+        lines
+    }
+
+    /// Returns the weight of each view. The views' errors are t-distributed, with the scale that the clip shows.
+    fn weights(&self) -> Vec<Vec<f64>> {
+        let mut weights: Vec<Vec<f64>> =
+            self.windows.iter().map(|window| vec![1.0; window.views.len()]).collect();
+        for _ in 0..ROUNDS {
+            let squares: Vec<Vec<f64>> = self
+                .windows
+                .iter()
+                .zip(&weights)
+                .map(|(window, weights)| window.squares(weights).unwrap_or(vec![0.0; weights.len()]))
+                .collect();
+            let mut all: Vec<f64> = squares.iter().flatten().copied().collect();
+            // Median of a chi-squared variable with three degrees of freedom.
+            let scale = (upper_median(&mut all, f64::total_cmp).unwrap_or(1.0) / 2.366).max(1.0);
+            for (weights, squares) in weights.iter_mut().zip(&squares) {
+                for (weight, square) in weights.iter_mut().zip(squares) {
+                    *weight = (FREEDOM + 3.0) / (FREEDOM + square / scale) / scale;
+                }
+            }
+        }
+        weights
+    }
+
+    /// Returns the most likely fold at a line; `None` where the cars do not determine it.
+    fn at_line(&self, line: &Vector3<f64>, weights: &[Vec<f64>]) -> Option<Fold> {
+        let (mut information, mut gradient) = (0.0, 0.0);
+        for (window, weights) in self.windows.iter().zip(weights) {
+            let (a, b) = window.evidence_at(line, weights)?;
+            information += a;
+            gradient += b;
+        }
+        // A road's slope is that of a level or of a steep street.
+        let component = |sd: f64, share: f64| {
+            let all = information + 1.0 / (sd * sd);
+            let log_gain = 0.5 * gradient * gradient / all - 0.5 * (information * sd * sd).ln_1p();
+            (share.ln() + log_gain, -gradient / all)
+        };
+        let steep = VerticalVanishingPoint::STEEP_SHARE;
+        let level = component(VerticalVanishingPoint::SLOPE_SD, 1.0 - steep);
+        let steep = component(VerticalVanishingPoint::STEEP_SD, steep);
+        let (likely, other) = if level.0 > steep.0 { (level, steep) } else { (steep, level) };
+        let log_evidence = likely.0 + (other.0 - likely.0).exp().ln_1p();
+        let middles_px = [Vector2::zeros(); 2];
+        log_evidence.is_finite().then_some(Fold {
+            line: *line,
+            middles_px,
+            angle_rad: likely.1,
+            log_evidence,
+        })
+    }
+}
+
+impl Solved {
+    /// Returns the change of (tilt, roll, log height) per radian of a fold at the line.
+    fn change(&self, line: &Vector3<f64>) -> Option<Vector3<f64>> {
+        let plane = self.params.plane();
+        let normal = plane.normal_in_camera;
+        let (sin_t, cos_t) = self.params.tilt.sin_cos();
+        let (sin_r, cos_r) = self.params.roll.sin_cos();
+        let by_tilt = Vector3::new(-sin_r * sin_t, cos_r * sin_t, -cos_t);
+        let by_roll = Vector3::new(cos_r * cos_t, sin_r * cos_t, 0.0);
+        let by = Matrix3::from_columns(&[by_tilt, by_roll, -normal]) / plane.height_m;
+        // The line as coefficients of rays.
+        let focal_px = self.params.focal_px();
+        let line = line.component_mul(&Vector3::new(focal_px, focal_px, 1.0));
+        let across = (line - normal * normal.dot(&line)).norm() * plane.height_m;
+        // A ray meets the ground at the distance −1 / (q · ray), so q falls where the ground rises.
+        (across > 1e-9).then(|| by.try_inverse().map(|inverse| -inverse * line / across))?
+    }
+
+    /// Returns the normal equations of (tilt, roll, log height, fold): the Hessian and the gradient.
+    ///
+    /// The sizes of the cars are eliminated.
+    fn equations(
+        &self,
+        weights: &[f64],
+        beyond: impl Fn(&GroundView) -> bool,
+        change: &Vector3<f64>,
+    ) -> (Matrix4<f64>, Vector4<f64>) {
+        let (mut hessian, mut gradient) = (Matrix4::zeros(), Vector4::zeros());
+        let mut sizes: BTreeMap<LinkId, (Vector4<f64>, f64, f64)> = BTreeMap::new();
+        for (view, weight) in self.views.iter().zip(weights) {
+            let own = if beyond(view) { *change } else { Vector3::zeros() };
+            let design = nalgebra::Matrix3x4::from_columns(&[Vector3::x(), Vector3::y(), Vector3::z(), own]);
+            let (information, slope) = (view.information * *weight, view.gradient * *weight);
+            hessian += design.transpose() * information * design;
+            gradient += design.transpose() * slope;
+            let size = sizes.entry(view.link).or_insert((Vector4::zeros(), SIZE_SD.powi(-2), 0.0));
+            size.0 -= design.transpose() * information.column(2);
+            size.1 += information[(2, 2)];
+            size.2 -= slope[2];
+        }
+        for (cross, information, slope) in sizes.values() {
+            hessian -= cross * cross.transpose() / *information;
+            gradient -= cross * (slope / information);
+        }
+        (hessian, gradient)
+    }
+
+    /// Returns the information on a fold at the line, and the gradient of its cost at no fold.
+    fn evidence_at(&self, line: &Vector3<f64>, weights: &[f64]) -> Option<(f64, f64)> {
+        let change = self.change(line)?;
+        let beyond = |view: &GroundView| is_beyond(line, &view.foot_px);
+        let (hessian, gradient) = self.equations(weights, beyond, &change);
+        let base = hessian.fixed_view::<3, 3>(0, 0) + Matrix3::identity() * 1e-6;
+        let solved = base.cholesky()?.solve(&hessian.fixed_view::<3, 1>(0, 3));
+        let information = hessian[(3, 3)] - hessian.fixed_view::<3, 1>(0, 3).dot(&solved);
+        Some((information.max(0.0), gradient[3] - gradient.fixed_rows::<3>(0).dot(&solved)))
+    }
+
+    /// Returns the squared distance of each view from the common plane, in its sds.
+    fn squares(&self, weights: &[f64]) -> Option<Vec<f64>> {
+        let (hessian, gradient) = self.equations(weights, |_| false, &Vector3::zeros());
+        let base = hessian.fixed_view::<3, 3>(0, 0) + Matrix3::identity() * 1e-6;
+        let plane = -base.cholesky()?.solve(&gradient.fixed_rows::<3>(0).into_owned());
+        let mut sizes: BTreeMap<LinkId, (f64, f64)> = BTreeMap::new();
+        for (view, weight) in self.views.iter().zip(weights) {
+            let size = sizes.entry(view.link).or_insert((SIZE_SD.powi(-2), 0.0));
+            size.0 += weight * view.information[(2, 2)];
+            size.1 += weight * (view.gradient + view.information * plane)[2];
+        }
+        let square = |view: &GroundView| {
+            let size = sizes.get(&view.link).map_or(0.0, |(information, slope)| slope / information);
+            let slope = view.gradient + view.information * (plane - Vector3::z() * size);
+            let own = view.information + Matrix3::identity() * 1e-6;
+            own.cholesky().map_or(0.0, |own| slope.dot(&own.solve(&slope)))
+        };
+        Some(self.views.iter().map(square).collect())
+    }
+}
