@@ -77,12 +77,17 @@ impl Ground {
     /// Returns the plane that a ray from the camera meets.
     #[must_use]
     pub fn part_of_ray(&self, ray: &Vector3<f64>) -> GroundPart {
-        let near = self.near.normal_in_camera.dot(ray) / self.near.height_m;
-        let is_beyond = |far: &&FarPlane| {
-            // The smaller number belongs to the plane that the ray meets first.
-            (far.plane.normal_in_camera.dot(ray) / far.plane.height_m < near) == far.rises
-        };
-        self.far.as_ref().filter(is_beyond).map_or_else(|| self.first(), |far| self.second(far))
+        let far = self.far.as_ref().filter(|_| self.beyond(ray) > 0.0);
+        far.map_or_else(|| self.first(), |far| self.second(far))
+    }
+
+    /// Returns a number that is positive where a ray from the camera meets the second plane. It is linear in the ray.
+    #[must_use]
+    pub fn beyond(&self, ray: &Vector3<f64>) -> f64 {
+        let Some(far) = &self.far else { return -1.0 };
+        let nearness = |plane: &GroundPlane| -plane.normal_in_camera.dot(ray) / plane.height_m;
+        let nearer = nearness(&far.plane) - nearness(&self.near);
+        if far.rises { nearer } else { -nearer }
     }
 
     /// Returns the plane at a position on the surface, m.

@@ -85,8 +85,8 @@ pub use plane::GroundPlane;
 pub use pose::{GroundPose, angle_difference, fold_axis, wrap_angle};
 pub use records::{
     CameraEstimate, CameraMove, CameraStatus, CarRecord, CarRef, FrameRecord, MoveKind, NotFollowedReason,
-    OnMap, PictureVerdict, PoseRecord, RecordError, RegisteredLens, Registration, TrackRow, VehicleClass,
-    WatchRecord, WeakBox, rows_from_isometry,
+    OnMap, PictureVerdict, PoseRecord, RecordError, RegisteredLens, Registration, SecondPlane, TrackRow,
+    VehicleClass, WatchRecord, WeakBox, rows_from_isometry,
 };
 pub use robust::{StudentT, median, upper_median, weighted_median};
 pub use scene_line::{SceneCurve, SceneLine};

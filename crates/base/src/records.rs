@@ -9,7 +9,7 @@ mod track_row;
 mod vehicle_class;
 mod watch;
 
-pub use camera::{CameraEstimate, CameraStatus};
+pub use camera::{CameraEstimate, CameraStatus, SecondPlane};
 pub use car::{CarRecord, CarRef, WeakBox};
 pub use error::RecordError;
 pub use frame::FrameRecord;

@@ -276,6 +276,7 @@ fn an_estimate_contains_a_camera() {
         status: CameraStatus::Estimated,
         cars_used: 4,
         frames_used: 9,
+        second_plane: None,
     };
     let camera = estimate.camera();
     assert!((camera.focal_px - 800.0).abs() < 1e-9);

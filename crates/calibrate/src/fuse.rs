@@ -151,6 +151,7 @@ impl FuseOptions {
             status: CameraStatus::Unobservable,
             cars_used: 0,
             frames_used: 0,
+            second_plane: None,
         }
     }
 
@@ -379,5 +380,6 @@ fn estimate(
         status,
         cars_used: cars.len(),
         frames_used: group.iter().map(|window| window.frames).sum(),
+        second_plane: None,
     }
 }

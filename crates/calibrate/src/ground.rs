@@ -12,13 +12,26 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use nalgebra::{Matrix3, Matrix4, Vector2, Vector3, Vector4};
+use nalgebra::{Matrix3, Matrix3x6, Matrix6, Vector2, Vector3, Vector6};
 use roadplane_base::{CameraParams, upper_median};
 
 use crate::{LinkId, VerticalVanishingPoint};
 
 /// Sd of a car's log size, given its keypoints in one view. The views of a car share this error.
 const SIZE_SD: f64 = 0.05;
+/// Sds of the keypoint net's errors that depend on the size of a car in the picture: of the tilt (rad) and of the log
+/// height, per unit of the log of the box's side.
+const BY_SIZE_SD: [f64; 2] = [0.016, 0.05];
+/// Side of a box at which the net has no such errors, px.
+const SIDE_PX: f64 = 60.0;
+/// Index of the errors that depend on size, after the plane.
+const BY_SIZE: usize = 3;
+/// Index of the angle of the fold.
+const FOLD: usize = 5;
+/// Normal equations of the plane, the errors by size and the fold: the Hessian and the gradient.
+type Equations = (Matrix6<f64>, Vector6<f64>);
+/// Information that keeps unobserved numbers of a plane finite.
+const LEAST_INFORMATION: f64 = 1e-6;
 /// Number of directions of lines.
 const DIRECTIONS: usize = 12;
 /// Number of lines per direction.
@@ -39,6 +52,8 @@ pub struct GroundView {
     pub parked: bool,
     /// The car's origin relative to the principal point, without lens distortion, px.
     pub foot_px: Vector2<f64>,
+    /// Longer side of its box, px.
+    pub side_px: f64,
     /// Hessian of the cost by (tilt, roll, log height).
     pub information: Matrix3<f64>,
     /// Gradient of the cost.
@@ -66,10 +81,10 @@ pub struct Fold {
 }
 
 impl Fold {
-    /// Least evidence of a certain fold: its probability is 95 % if 5 % of all sites have one.
-    const CERTAIN: f64 = 5.9;
+    /// Least evidence of a certain fold: its probability is 99 % if 5 % of all sites have one.
+    const CERTAIN: f64 = 7.5;
 
-    /// Whether the ground has this fold with a probability of at least 95 %.
+    /// Whether the ground has this fold with a probability of at least 99 %.
     #[must_use]
     pub fn is_certain(&self) -> bool {
         self.log_evidence >= Self::CERTAIN
@@ -171,12 +186,20 @@ impl GroundEvidence {
 
     /// Returns the most likely fold at a line; `None` where the cars do not determine it.
     fn at_line(&self, line: &Vector3<f64>, weights: &[Vec<f64>]) -> Option<Fold> {
-        let (mut information, mut gradient) = (0.0, 0.0);
+        // The errors by size are those of all windows. The plane is one per window.
+        let by_size = Vector2::from(BY_SIZE_SD).map(|sd| 1.0 / (sd * sd)).push(0.0);
+        let (mut hessian, mut gradient) = (Matrix3::from_diagonal(&by_size), Vector3::zeros());
         for (window, weights) in self.windows.iter().zip(weights) {
-            let (a, b) = window.evidence_at(line, weights)?;
-            information += a;
-            gradient += b;
+            let change = window.change(line)?;
+            let beyond = |view: &GroundView| is_beyond(line, &view.foot_px);
+            let (own, slope) = without_plane(&window.equations(weights, beyond, &change))?;
+            hessian += own;
+            gradient += slope;
         }
+        let cross = hessian.fixed_view::<2, 1>(0, 2).into_owned();
+        let solved = hessian.fixed_view::<2, 2>(0, 0).into_owned().cholesky()?.solve(&cross);
+        let information = (hessian[(2, 2)] - cross.dot(&solved)).max(0.0);
+        let gradient = gradient[2] - gradient.xy().dot(&solved);
         // A road's slope is that of a level or of a steep street.
         let component = |sd: f64, share: f64| {
             let all = information + 1.0 / (sd * sd);
@@ -216,24 +239,28 @@ impl Solved {
         (across > 1e-9).then(|| by.try_inverse().map(|inverse| -inverse * line / across))?
     }
 
-    /// Returns the normal equations of (tilt, roll, log height, fold): the Hessian and the gradient.
-    ///
-    /// The sizes of the cars are eliminated.
+    /// Returns the normal equations. The sizes of the cars are eliminated.
     fn equations(
         &self,
         weights: &[f64],
         beyond: impl Fn(&GroundView) -> bool,
         change: &Vector3<f64>,
-    ) -> (Matrix4<f64>, Vector4<f64>) {
-        let (mut hessian, mut gradient) = (Matrix4::zeros(), Vector4::zeros());
-        let mut sizes: BTreeMap<LinkId, (Vector4<f64>, f64, f64)> = BTreeMap::new();
+    ) -> Equations {
+        let (mut hessian, mut gradient) = (Matrix6::zeros(), Vector6::zeros());
+        let mut sizes: BTreeMap<LinkId, (Vector6<f64>, f64, f64)> = BTreeMap::new();
         for (view, weight) in self.views.iter().zip(weights) {
-            let own = if beyond(view) { *change } else { Vector3::zeros() };
-            let design = nalgebra::Matrix3x4::from_columns(&[Vector3::x(), Vector3::y(), Vector3::z(), own]);
+            let mut design = Matrix3x6::zeros();
+            design.fixed_view_mut::<3, 3>(0, 0).fill_with_identity();
+            let log_side = (view.side_px / SIDE_PX).ln();
+            (design[(0, BY_SIZE)], design[(2, BY_SIZE + 1)]) = (log_side, log_side);
+            if beyond(view) {
+                design.set_column(FOLD, change);
+            }
             let (information, slope) = (view.information * *weight, view.gradient * *weight);
             hessian += design.transpose() * information * design;
             gradient += design.transpose() * slope;
-            let size = sizes.entry(view.link).or_insert((Vector4::zeros(), SIZE_SD.powi(-2), 0.0));
+            // A larger car at the same pixels means a larger height.
+            let size = sizes.entry(view.link).or_insert((Vector6::zeros(), SIZE_SD.powi(-2), 0.0));
             size.0 -= design.transpose() * information.column(2);
             size.1 += information[(2, 2)];
             size.2 -= slope[2];
@@ -245,21 +272,10 @@ impl Solved {
         (hessian, gradient)
     }
 
-    /// Returns the information on a fold at the line, and the gradient of its cost at no fold.
-    fn evidence_at(&self, line: &Vector3<f64>, weights: &[f64]) -> Option<(f64, f64)> {
-        let change = self.change(line)?;
-        let beyond = |view: &GroundView| is_beyond(line, &view.foot_px);
-        let (hessian, gradient) = self.equations(weights, beyond, &change);
-        let base = hessian.fixed_view::<3, 3>(0, 0) + Matrix3::identity() * 1e-6;
-        let solved = base.cholesky()?.solve(&hessian.fixed_view::<3, 1>(0, 3));
-        let information = hessian[(3, 3)] - hessian.fixed_view::<3, 1>(0, 3).dot(&solved);
-        Some((information.max(0.0), gradient[3] - gradient.fixed_rows::<3>(0).dot(&solved)))
-    }
-
     /// Returns the squared distance of each view from the common plane, in its sds.
     fn squares(&self, weights: &[f64]) -> Option<Vec<f64>> {
         let (hessian, gradient) = self.equations(weights, |_| false, &Vector3::zeros());
-        let base = hessian.fixed_view::<3, 3>(0, 0) + Matrix3::identity() * 1e-6;
+        let base = hessian.fixed_view::<3, 3>(0, 0) + Matrix3::identity() * LEAST_INFORMATION;
         let plane = -base.cholesky()?.solve(&gradient.fixed_rows::<3>(0).into_owned());
         let mut sizes: BTreeMap<LinkId, (f64, f64)> = BTreeMap::new();
         for (view, weight) in self.views.iter().zip(weights) {
@@ -270,9 +286,20 @@ impl Solved {
         let square = |view: &GroundView| {
             let size = sizes.get(&view.link).map_or(0.0, |(information, slope)| slope / information);
             let slope = view.gradient + view.information * (plane - Vector3::z() * size);
-            let own = view.information + Matrix3::identity() * 1e-6;
+            let own = view.information + Matrix3::identity() * LEAST_INFORMATION;
             own.cholesky().map_or(0.0, |own| slope.dot(&own.solve(&slope)))
         };
         Some(self.views.iter().map(square).collect())
     }
+}
+
+/// Returns the normal equations of the errors by size and the fold, with the plane eliminated.
+fn without_plane((hessian, gradient): &Equations) -> Option<(Matrix3<f64>, Vector3<f64>)> {
+    let plane = hessian.fixed_view::<3, 3>(0, 0) + Matrix3::identity() * LEAST_INFORMATION;
+    let cross = hessian.fixed_view::<3, 3>(0, 3).into_owned();
+    let solved = plane.cholesky()?.solve(&cross);
+    Some((
+        hessian.fixed_view::<3, 3>(3, 3) - cross.transpose() * solved,
+        gradient.fixed_rows::<3>(3) - solved.transpose() * gradient.fixed_rows::<3>(0),
+    ))
 }

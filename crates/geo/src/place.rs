@@ -322,6 +322,7 @@ pub(crate) mod tests {
             status: CameraStatus::Estimated,
             cars_used: 9,
             frames_used: 90,
+            second_plane: None,
         }
     }
 

@@ -14,7 +14,7 @@ pub struct FrameCamera {
 
 impl From<&CameraEstimate> for FrameCamera {
     fn from(estimate: &CameraEstimate) -> Self {
-        Self { camera: estimate.camera(), ground: Ground::plane(estimate.params.plane()) }
+        Self { camera: estimate.camera(), ground: estimate.ground() }
     }
 }
 

@@ -13,5 +13,5 @@ pub(crate) mod lens;
 pub(crate) mod memory;
 pub(crate) mod optics;
 mod remembered;
-pub(crate) mod second_plane;
+mod second_plane;
 mod window;

@@ -201,6 +201,7 @@ pub(crate) fn solve_constrained_clip(
         known: &constraints,
         recall: history,
         scene: given.empty_scene,
+        may_fold: !matches!(site, Some(Site::Points(_))),
         config,
     };
     let mut cameras = inputs.estimate(frames)?;

@@ -120,6 +120,11 @@ pub struct SceneOptions {
 }
 
 impl SceneOptions {
+    /// Returns the number of keypoints of a car that count as one.
+    pub(crate) fn keypoints_as_one(&self) -> f64 {
+        self.view_errors.map_or(1.0, |errors| errors.keypoints_as_one)
+    }
+
     /// Returns the standard deviations of the errors that all cars share; all 0 if the cars' errors are independent.
     #[must_use]
     pub fn shared_sd(&self) -> SharedSd {

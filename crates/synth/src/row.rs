@@ -33,8 +33,8 @@ pub fn stationary_row(track: u64, frame: u64, time_s: f64) -> TrackRow {
         y_own_sd_m: None,
         exists_p: None,
         same_vehicle_p: None,
-        ground: None,
-        z_m: None,
+        ground: 0,
+        z_m: 0.0,
         on_map: None,
     }
 }

@@ -4,13 +4,13 @@ use std::path::Path;
 
 use nalgebra::{Matrix4, Vector2, Vector3};
 use roadplane_base::{
-    Camera, CameraEstimate, CameraParams, CameraStatus, GroundPlane, Homography, ImageSize, Lens,
-    PictureMotion,
+    Camera, CameraEstimate, CameraParams, CameraStatus, Ground, GroundPart, GroundPlane, Homography,
+    ImageSize, Lens, PictureMotion, SecondPlane,
 };
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::digits::{METRES, RADIANS, SECONDS, decimals, significant};
+use crate::digits::{METRES, PIXELS, RADIANS, SECONDS, decimals, significant};
 use crate::{WriteError, jsonl::write_json};
 
 /// Schema id of `camera.json`.
@@ -131,6 +131,82 @@ pub struct CameraSegment {
     pub cars_used: usize,
     /// Number of frames that the estimate uses.
     pub frames_used: usize,
+    /// Planes of the ground, if there are several. The first one is that of the segment, with the world frame. The second
+    /// one begins at the line in which the planes meet. Absent if the ground is one plane.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub ground: Vec<GroundPlaneFile>,
+}
+
+/// A plane of the ground. Its numbers are those of the segment, for this plane.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
+pub struct GroundPlaneFile {
+    /// Part of the picture that shows the plane: a polygon of pixels without lens distortion.
+    pub outline_px: Vec<[f64; 2]>,
+    /// Angle between this plane and the first one, rad: positive if the ground rises where the plane begins, negative if
+    /// it falls.
+    pub slope_rad: f64,
+    /// Height of the camera above the plane, m.
+    #[schemars(extend("exclusiveMinimum" = 0))]
+    pub height_m: f64,
+    /// Angle of the optical axis below the plane's horizontal, rad.
+    pub tilt_rad: f64,
+    /// Clockwise rotation of the plane's horizon in the picture, rad.
+    pub roll_rad: f64,
+    /// The plane in the camera frame.
+    pub plane_in_camera: PlaneInCamera,
+    /// Covariance matrix of log focal length, tilt (rad), roll (rad) and log height, as in the segment.
+    pub covariance: [[Option<f64>; 4]; 4],
+}
+
+impl GroundPlaneFile {
+    fn new(estimate: &CameraEstimate, part: &GroundPart) -> Self {
+        let ground = estimate.ground();
+        let camera = estimate.above(part);
+        let params = camera.params;
+        let slope_rad = estimate.slope_rad().filter(|_| part.index > 0).unwrap_or(0.0);
+        Self {
+            outline_px: outline_px(estimate, &ground, part.index),
+            slope_rad: decimals(slope_rad, RADIANS + 1),
+            height_m: decimals(params.log_height.exp(), METRES),
+            tilt_rad: decimals(params.tilt, RADIANS + 1),
+            roll_rad: decimals(params.roll, RADIANS + 1),
+            plane_in_camera: PlaneInCamera::new(&part.plane),
+            covariance: covariance_in_file(&camera.covariance),
+        }
+    }
+}
+
+/// Returns the part of the picture that shows a plane of the ground: the picture, cut along the line where the planes
+/// meet.
+fn outline_px(estimate: &CameraEstimate, ground: &Ground, index: usize) -> Vec<[f64; 2]> {
+    let ImageSize { width, height } = estimate.image_size_px;
+    let (right, bottom) = (f64::from(width) - 0.5, f64::from(height) - 0.5);
+    let straight = Camera { lens: Lens::STRAIGHT, ..estimate.camera() };
+    // Positive on the second plane.
+    let beyond = |at: &Vector2<f64>| ground.beyond(&straight.ray_from_pixel(at));
+    let sign = if index == 0 { -1.0 } else { 1.0 };
+    let corners = [[-0.5, -0.5], [right, -0.5], [right, bottom], [-0.5, bottom]].map(Vector2::from);
+    let mut outline = Vec::new();
+    for i in 0..4 {
+        let (from, to) = (corners[i], corners[(i + 1) % 4]);
+        let (a, b) = (sign * beyond(&from), sign * beyond(&to));
+        if a >= 0.0 {
+            outline.push(from);
+        }
+        if (a >= 0.0) != (b >= 0.0) {
+            outline.push(from + (to - from) * (a / (a - b)));
+        }
+    }
+    outline.into_iter().map(|at| [decimals(at.x, PIXELS), decimals(at.y, PIXELS)]).collect()
+}
+
+fn covariance_in_file(covariance: &Matrix4<f64>) -> [[Option<f64>; 4]; 4] {
+    let entry = |value: f64| value.is_finite().then(|| significant(value, SD_DIGITS + 2));
+    std::array::from_fn(|r| std::array::from_fn(|c| entry(covariance[(r, c)])))
+}
+
+fn covariance_of_file(entries: &[[Option<f64>; 4]; 4]) -> Matrix4<f64> {
+    Matrix4::from_fn(|r, c| entries[r][c].unwrap_or(if r == c { f64::INFINITY } else { 0.0 }))
 }
 
 /// Radial distortion by the division model (Fitzgibbon, CVPR 2001).
@@ -188,6 +264,15 @@ pub struct PlaneInCamera {
     pub offset_m: f64,
 }
 
+impl PlaneInCamera {
+    fn new(plane: &GroundPlane) -> Self {
+        Self {
+            normal: [0, 1, 2].map(|i| decimals(plane.normal_in_camera[i], NORMAL)),
+            offset_m: decimals(plane.height_m, METRES),
+        }
+    }
+}
+
 impl CameraSegment {
     /// Returns the mapping from pixels of this camera to pixels of a frame; `None` if the matrix has no inverse.
     #[must_use]
@@ -211,10 +296,6 @@ impl CameraSegment {
             sd.is_finite().then(|| significant(sd, SD_DIGITS))
         };
         let plane = params.plane();
-        let entry = |r: usize, c: usize| {
-            let value = estimate.covariance[(r, c)];
-            value.is_finite().then(|| significant(value, SD_DIGITS + 2))
-        };
         Self {
             span_s: estimate.span_s.map(|t| decimals(t, SECONDS)),
             image_size_px: estimate.image_size_px,
@@ -229,14 +310,17 @@ impl CameraSegment {
             tilt_sd_rad: sd(1, 1.0),
             roll_rad: decimals(params.roll, RADIANS + 1),
             roll_sd_rad: sd(2, 1.0),
-            plane_in_camera: PlaneInCamera {
-                normal: [0, 1, 2].map(|i| decimals(plane.normal_in_camera[i], NORMAL)),
-                offset_m: decimals(plane.height_m, METRES),
-            },
-            covariance: std::array::from_fn(|r| std::array::from_fn(|c| entry(r, c))),
+            plane_in_camera: PlaneInCamera::new(&plane),
+            covariance: covariance_in_file(&estimate.covariance),
             status: estimate.status,
             cars_used: estimate.cars_used,
             frames_used: estimate.frames_used,
+            ground: match estimate.second_plane {
+                Some(_) => {
+                    estimate.ground().parts().map(|part| GroundPlaneFile::new(estimate, &part)).collect()
+                }
+                None => Vec::new(),
+            },
         }
     }
 
@@ -277,13 +361,26 @@ impl CameraSegment {
                 roll: self.roll_rad,
                 log_height: self.height_m.ln(),
             },
-            covariance: Matrix4::from_fn(|r, c| {
-                self.covariance[r][c].unwrap_or(if r == c { f64::INFINITY } else { 0.0 })
-            }),
+            covariance: covariance_of_file(&self.covariance),
             status: self.status,
             cars_used: self.cars_used,
             frames_used: self.frames_used,
+            second_plane: self.second_plane(),
         }
+    }
+
+    fn second_plane(&self) -> Option<SecondPlane> {
+        let second = self.ground.get(1)?;
+        Some(SecondPlane {
+            params: CameraParams {
+                log_focal: self.focal_px.ln(),
+                tilt: second.tilt_rad,
+                roll: second.roll_rad,
+                log_height: second.height_m.ln(),
+            },
+            covariance: covariance_of_file(&second.covariance),
+            rises: second.slope_rad > 0.0,
+        })
     }
 
     fn is_usable(&self) -> bool {
@@ -292,6 +389,7 @@ impl CameraSegment {
         lens.is_none_or(|lens| lens.model == LensFile::MODEL && lens.bend.is_finite())
             && self.focal_px > 0.0
             && self.height_m > 0.0
+            && self.ground.iter().all(|plane| plane.height_m > 0.0 && plane.tilt_rad.is_finite())
             && self.plane_in_camera.offset_m > 0.0
             && (normal - 1.0).abs() < 1e-3
             && self.image_size_px.width > 0
@@ -377,6 +475,7 @@ mod tests {
             status: CameraStatus::Estimated,
             cars_used: 9,
             frames_used: 50,
+            second_plane: None,
         }
     }
 

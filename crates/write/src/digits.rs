@@ -62,6 +62,7 @@ pub fn rounded_row(row: &TrackRow) -> TrackRow {
         y_own_sd_m: row.y_own_sd_m.map(metres),
         exists_p: row.exists_p.map(|p| decimals(p, SCORE)),
         same_vehicle_p: row.same_vehicle_p.map(|p| decimals(p, SCORE)),
+        z_m: metres(row.z_m),
         on_map: row.on_map.as_ref().map(rounded_on_map),
         ..row.clone()
     }
@@ -104,6 +105,7 @@ pub(crate) fn not_finite(row: &TrackRow) -> Option<&'static str> {
         ("y_own_sd_m", row.y_own_sd_m.unwrap_or(0.0)),
         ("exists_p", row.exists_p.unwrap_or(0.0)),
         ("same_vehicle_p", row.same_vehicle_p.unwrap_or(0.0)),
+        ("z_m", row.z_m),
     ];
     let on_map = row.on_map.iter().flat_map(|at| {
         let degrees =

@@ -32,6 +32,7 @@ const COLUMNS: &str = "
     required double speed_sd_mps;
     optional double activity_p; optional double x_own_sd_m; optional double y_own_sd_m;
     optional double exists_p; optional double same_vehicle_p;
+    required int64 ground; required double z_m;
 ";
 /// Additional columns if the user gave the camera's position on the map.
 const ON_MAP_COLUMNS: &str = "
@@ -178,6 +179,8 @@ fn write_columns(
         let values: Vec<f64> = rows.iter().filter_map(of).collect();
         column::<DoubleType>(group, &values, Some((&defined, None)))?;
     }
+    column::<Int64Type>(group, &integers(|r| r.ground as u64), None)?;
+    column::<DoubleType>(group, &doubles(rows, |r| r.z_m), None)?;
     Ok(())
 }
 

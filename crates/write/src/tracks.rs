@@ -8,7 +8,7 @@ use crate::digits::{BEARING, DEGREES, METRES, PIXELS, RADIANS, SCORE, SECONDS, n
 use crate::{JsonLines, OutFile, TrackParquet, WriteError};
 
 /// Columns of `tracks.csv`.
-const HEADER: [&str; 28] = [
+const HEADER: [&str; 30] = [
     "frame",
     "time_s",
     "track",
@@ -37,6 +37,8 @@ const HEADER: [&str; 28] = [
     "y_own_sd_m",
     "exists_p",
     "same_vehicle_p",
+    "ground",
+    "z_m",
 ];
 
 /// Additional columns of `tracks.csv` if the user gave the camera's position on the map.
@@ -104,6 +106,8 @@ impl TrackCsv {
             row.y_own_sd_m.map(metres).unwrap_or_default(),
             row.exists_p.map(|p| fixed(p, SCORE)).unwrap_or_default(),
             row.same_vehicle_p.map(|p| fixed(p, SCORE)).unwrap_or_default(),
+            row.ground.to_string(),
+            metres(row.z_m),
         ];
         let on_map = row.on_map.map(|at| {
             [

@@ -100,6 +100,7 @@ fn write_all(folder: &Path) {
         status: CameraStatus::Estimated,
         cars_used: 4,
         frames_used: 9,
+        second_plane: None,
     };
     write_camera(&folder.join("camera.json"), &[estimate], Vec::new()).unwrap();
     write_summary(&folder.join("summary.json"), &summary()).unwrap();

@@ -34,6 +34,8 @@ class Camera:
         `bend`: radial distortion. Without it, a pixel at `p` from the principal point would be at
             `p / (1 + bend |p|² / (width / 2)²)`.
         `bend_sd`: standard deviation of `bend`; None if it was not estimated, and the lens has no distortion here.
+        `second_plane`: where the ground is two planes, the parameters above the second one, and whether the ground rises
+            there. Positions on it are x and y in the world, as seen from above.
     """
 
     span_s: tuple[float, float]
@@ -44,6 +46,7 @@ class Camera:
     status: str
     bend: float = 0.0
     bend_sd: float | None = None
+    second_plane: tuple[Array, bool] | None = None
 
     def __repr__(self) -> str:
         """Returns the camera's main parameters in one line."""
@@ -69,6 +72,7 @@ class Camera:
             status=segment["status"],
             bend=lens["bend"],
             bend_sd=lens["bend_sd"],
+            second_plane=_second_plane(segment),
         )
 
     @property
@@ -191,9 +195,13 @@ class Camera:
 
     def _ground(self, params: Array, pixels: Array) -> Array:
         slopes = (self.undistorted(pixels) - np.asarray(self.principal_point_px)) / np.exp(params[0])
-        rays = np.concatenate([slopes, np.ones_like(slopes[..., :1])], axis=-1) @ _camera_from_world(params)
-        descent = np.where(-rays[..., 2:] > _LEAST_DESCENT, -rays[..., 2:], np.nan)
-        return np.asarray(rays[..., :2] * (np.exp(params[3]) / descent))
+        in_camera = np.concatenate([slopes, np.ones_like(slopes[..., :1])], axis=-1)
+        rays, nearness = in_camera @ _camera_from_world(params), _nearness(params, in_camera)
+        if self.second_plane is not None:
+            second, rises = self.second_plane
+            beyond = _nearness(second, in_camera)
+            nearness = np.where((beyond > nearness) == rises, beyond, nearness)
+        return np.asarray(rays[..., :2] / np.where(nearness > _LEAST_DESCENT / np.exp(params[3]), nearness, np.nan))
 
     def _per_px2(self) -> float:
         return self.bend / (self.image_size_px[0] / 2) ** 2
@@ -244,6 +252,20 @@ class View:
         growth = float(np.sqrt((rows[0] ** 2 + rows[1] ** 2) / 2) / rows[2])
         left, _, right = np.linalg.svd(np.diag([1 / growth, 1 / growth, 1]) @ turn)
         return growth, left @ right
+
+
+def _nearness(params: Array, rays: Array) -> Array:
+    """Returns one over the lengths [..., 1] at which rays in the camera's frame meet a plane; negative above its horizon."""
+    return np.asarray(-(rays @ _camera_from_world(params)[:, 2:]) / np.exp(params[3]))
+
+
+def _second_plane(segment: Mapping[str, Any]) -> tuple[Array, bool] | None:
+    """Returns the camera's parameters above the second plane, and whether the ground rises there."""
+    if len(segment.get("ground", [])) < 2:
+        return None
+    plane = segment["ground"][1]
+    params = [np.log(segment["focal_px"]), plane["tilt_rad"], plane["roll_rad"], np.log(plane["height_m"])]
+    return np.array(params), plane["slope_rad"] > 0
 
 
 def _square(pixels: Array) -> Array:

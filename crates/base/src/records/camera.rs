@@ -4,7 +4,7 @@ use nalgebra::{Matrix4, Vector2};
 use schemars::JsonSchema;
 use serde::{Deserialize, Serialize};
 
-use crate::{Camera, CameraParams, ImageSize, Lens};
+use crate::{Camera, CameraParams, Ground, GroundPart, ImageSize, Lens};
 
 /// The source of a camera's focal length and ground plane.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
@@ -47,6 +47,19 @@ pub struct CameraEstimate {
     pub cars_used: usize,
     /// Number of frames used for the estimate.
     pub frames_used: usize,
+    /// The plane beyond a fold of the ground; `None` if the ground is one plane.
+    pub second_plane: Option<SecondPlane>,
+}
+
+/// The plane of the ground beyond a fold, as the camera sees it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SecondPlane {
+    /// Focal length as above the first plane; tilt, roll and height above this plane.
+    pub params: CameraParams,
+    /// Covariance of (log focal, tilt, roll, log height).
+    pub covariance: Matrix4<f64>,
+    /// Whether the ground lies above the first plane beyond the fold.
+    pub rises: bool,
 }
 
 impl CameraEstimate {
@@ -58,5 +71,35 @@ impl CameraEstimate {
             principal_point_px: self.principal_point_px,
             lens: self.lens,
         }
+    }
+
+    /// Returns the camera above one plane of the ground, with this plane alone.
+    #[must_use]
+    pub fn above(&self, part: &GroundPart) -> Self {
+        let second = self.second_plane.filter(|_| part.index > 0);
+        let alone = Self { second_plane: None, ..self.clone() };
+        match second {
+            Some(SecondPlane { params, covariance, .. }) => Self { params, covariance, ..alone },
+            None => alone,
+        }
+    }
+
+    /// Returns the angle between the two planes of the ground, rad: positive if the ground rises beyond the fold. Returns
+    /// `None` if the ground is one plane.
+    #[must_use]
+    pub fn slope_rad(&self) -> Option<f64> {
+        let second = self.second_plane?;
+        let normals = [self.params, second.params].map(|params| params.plane().normal_in_camera);
+        let angle = normals[0].angle(&normals[1]);
+        Some(if second.rises { angle } else { -angle })
+    }
+
+    /// Returns the ground below the camera. Parallel planes count as one.
+    #[must_use]
+    pub fn ground(&self) -> Ground {
+        let first = self.params.plane();
+        let folded =
+            self.second_plane.and_then(|second| Ground::folded(first, second.params.plane(), second.rises));
+        folded.unwrap_or(Ground::plane(first))
     }
 }

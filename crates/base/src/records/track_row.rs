@@ -97,13 +97,14 @@ pub struct TrackRow {
     #[serde(default, skip_serializing_if = "Option::is_none")]
     #[schemars(range(min = 0, max = 1))]
     pub same_vehicle_p: Option<f64>,
-    /// Number of the plane below the vehicle, from 0, in the list `ground` of `camera.json`. This column and the next one
-    /// are present if the ground has several planes.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub ground: Option<usize>,
-    /// World z of the vehicle's position, m: the height above the first plane. Without this column it is 0.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub z_m: Option<f64>,
+    /// Number of the plane below the vehicle, from 0, in the list `ground` of `camera.json`. It is 0 if the ground is one
+    /// plane, and in files of older versions.
+    #[serde(default)]
+    pub ground: usize,
+    /// World z of the vehicle's position, m: the height above the first plane. It is 0 if the ground is one plane, and in
+    /// files of older versions.
+    #[serde(default)]
+    pub z_m: f64,
     /// Position on the map, present if the user gave the camera's position. Each of its fields is a column.
     #[serde(flatten, default, skip_serializing_if = "Option::is_none")]
     pub on_map: Option<OnMap>,
@@ -150,6 +151,6 @@ impl TrackRow {
     /// Returns the rigid motion from the vehicle's frame to the world frame, m. The vehicle is upright on any plane.
     #[must_use]
     pub fn world_from_car(&self) -> Isometry3<f64> {
-        Translation3::new(0.0, 0.0, self.z_m.unwrap_or(0.0)) * self.pose().world_from_car()
+        Translation3::new(0.0, 0.0, self.z_m) * self.pose().world_from_car()
     }
 }

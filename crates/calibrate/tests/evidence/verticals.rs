@@ -62,6 +62,7 @@ fn place(seed: u64, things: usize, strays: usize, lanes: usize) -> Place {
         status: CameraStatus::Estimated,
         cars_used: 5,
         frames_used: 1,
+        second_plane: None,
     };
     let middle =
         SIZE.centre_px() + Camera::PRINCIPAL_POINT_SD * 1920.0 * Vector2::new(normal(1.0), normal(1.0));

@@ -46,7 +46,7 @@ fn label_lines(run: &Run, segment: &RunSegment) -> String {
         let view = run.motion.get(&row.frame).and_then(FrameMotion::homography);
         let turn = view.and_then(|view| view.turn(segment.camera.focal_px, &centre_px));
         let turn = turn.map_or(UnitQuaternion::identity(), |turn| turn.rotation.into());
-        let camera_from_car = turn * at_rest * row.pose().world_from_car();
+        let camera_from_car = turn * at_rest * row.world_from_car();
         let at = camera_from_car * Point3::new(track.centre_m, 0.0, 0.0);
         let forward = camera_from_car.rotation * Vector3::x();
         let rotation_y = (-forward.z).atan2(forward.x);

@@ -1,21 +1,17 @@
 //! The camera at every time of a clip.
 
-use roadplane_base::{CameraEstimate, CameraEvidence, GroundPart};
+use roadplane_base::{CameraEstimate, CameraEvidence};
 use roadplane_calibrate::SceneView;
 use roadplane_geo::{NotPlaced, Place, Site};
-use roadplane_measure::FrameCamera;
 use roadplane_write::ConstraintSummary;
 
 use crate::cameras::empty_scene_view::EmptySceneView;
-use crate::cameras::second_plane::SecondPlane;
 
 /// The estimated camera at every time of a clip.
 #[derive(Clone, Debug, Default)]
 pub struct CameraTrack {
     /// Estimates, one per interval, in the order of time; empty without frames.
     pub estimates: Vec<CameraEstimate>,
-    /// The plane beyond a fold of the ground; `None` if the ground is one plane.
-    pub second_plane: Option<SecondPlane>,
     /// Visits of the camera to its positions, in the order of time.
     pub(crate) visits: Vec<Visit>,
     /// Evidence of this clip alone, for the camera database; `None` if not requested or without information.
@@ -103,24 +99,6 @@ impl CameraTrack {
     #[must_use]
     pub fn at(&self, time_s: f64) -> Option<&CameraEstimate> {
         self.estimates.get(self.segment_at(time_s))
-    }
-
-    /// Returns the camera of an estimate with the ground below it.
-    #[must_use]
-    pub fn view(&self, estimate: &CameraEstimate) -> FrameCamera {
-        let flat = FrameCamera::from(estimate);
-        self.second_plane
-            .as_ref()
-            .map_or(flat, |second| FrameCamera { ground: second.ground(&estimate.params.plane()), ..flat })
-    }
-
-    /// Returns the camera above a plane of the ground, whose first plane is that of the estimate.
-    pub(crate) fn camera_above<'a>(
-        &'a self,
-        part: &GroundPart,
-        estimate: &'a CameraEstimate,
-    ) -> &'a CameraEstimate {
-        self.second_plane.as_ref().filter(|_| part.index > 0).map_or(estimate, |second| &second.camera)
     }
 
     /// Places the camera on the map. Map points also refine it.

@@ -21,7 +21,7 @@ use crate::cameras::lens::LensOfClip;
 use crate::cameras::memory::{CameraHistory, look};
 use crate::cameras::optics::Optics;
 use crate::cameras::remembered::{add_remembered, evidence_of, own_epoch};
-use crate::cameras::second_plane::SecondPlane;
+use crate::cameras::second_plane::with_second_plane;
 use crate::cameras::window::Solving;
 use crate::{Config, PipelineError};
 
@@ -47,7 +47,15 @@ pub(crate) fn optics_of(
         Ok(optics.convert(first.map(|frame| frame.map_err(PipelineError::from))))
     };
     let (known, _) = known.with_frames(&BTreeMap::new());
-    let inputs = CameraInputs { optics: &optics, atlas, known: &known, recall: None, scene: None, config };
+    let inputs = CameraInputs {
+        optics: &optics,
+        atlas,
+        known: &known,
+        recall: None,
+        scene: None,
+        may_fold: false,
+        config,
+    };
     let cameras = inputs.estimate(first)?;
     let Some(camera) = cameras.estimates.first() else { return Ok(optics) };
     if lens.suits(camera) {
@@ -69,6 +77,8 @@ pub(crate) struct CameraInputs<'a> {
     pub recall: Option<&'a CameraHistory>,
     /// How the picture of the empty scene lies on the picture of an earlier frame.
     pub scene: Option<&'a Registration>,
+    /// Whether the ground may be two planes. With surveyed points it is the plane of these points.
+    pub may_fold: bool,
     /// The configuration.
     pub config: &'a Config,
 }
@@ -90,14 +100,20 @@ impl CameraInputs<'_> {
     {
         let clip = self.solve(frames()?, None)?;
         // The planes of a moved camera are not followed from one position to the next.
-        let fold = if clip.visits.len() == 1 { clip.ground.fold() } else { None };
+        let may_fold = self.may_fold && clip.visits.len() == 1 && self.known.is_silent();
+        let fold = if may_fold { clip.ground.fold() } else { None };
         if let Some(fold) = fold.filter(Fold::is_certain) {
-            let cameras = self.join(self.solve(frames()?, Some(&fold))?, Some(&fold));
-            if cameras.second_plane.is_some() {
+            if let Some(cameras) = self.join(self.solve(frames()?, Some(&fold))?, Some(&fold)) {
+                let slope_rad = cameras.estimates.first().and_then(CameraEstimate::slope_rad).unwrap_or(0.0);
+                tracing::info!(
+                    "the ground is two planes, and its slope changes by {:.1} %",
+                    100.0 * slope_rad.tan()
+                );
                 return Ok(cameras);
             }
+            tracing::info!("the ground may be two planes, but the cars do not determine them");
         }
-        Ok(self.join(clip, None))
+        Ok(self.join(clip, None).unwrap_or_default())
     }
 
     /// Solves the windows of a clip.
@@ -152,12 +168,13 @@ impl CameraInputs<'_> {
         Ok(ClipWindows { windows, parked, ground, visits, size, span_s, frame_count, scene_lines, known })
     }
 
-    /// Joins the windows of a clip with all other evidence.
-    fn join(&self, clip: ClipWindows, fold: Option<&Fold>) -> CameraTrack {
+    /// Joins the windows of a clip with all other evidence. Returns `None` if the cars do not determine the planes on
+    /// both sides of the fold.
+    fn join(&self, clip: ClipWindows, fold: Option<&Fold>) -> Option<CameraTrack> {
         let Self { optics, config, .. } = *self;
         let ClipWindows { mut windows, parked, visits, span_s, known, .. } = clip;
         let (Some(size), Some(of_clip)) = (clip.size, &optics.lens) else {
-            return CameraTrack { visits, ..CameraTrack::default() };
+            return Some(CameraTrack { visits, ..CameraTrack::default() });
         };
         let position = visits.last().map_or(0, |visit| visit.position);
         let positions = positions(&visits);
@@ -186,8 +203,11 @@ impl CameraInputs<'_> {
         for view in &cues {
             view.add_factors(&mut options.factors);
         }
-        let Joined { mut estimates, mut segments, size_of_cars } = join(&windows, &options);
-        let second_plane = fold.and_then(|fold| SecondPlane::take(fold, &mut estimates, &mut segments));
+        let joined = join(&windows, &options);
+        let Joined { estimates, segments, size_of_cars } = match fold {
+            Some(fold) => with_second_plane(fold, joined)?,
+            None => joined,
+        };
         let mut estimates = by_visits(estimates, &segments, &visits);
         if estimates.is_empty() {
             estimates.push(options.unobservable(span_s));
@@ -200,16 +220,7 @@ impl CameraInputs<'_> {
             }
             fuse(&windows, &FuseOptions { factors, ..options.clone() }).into_iter().next()
         });
-        CameraTrack {
-            estimates,
-            second_plane,
-            visits,
-            evidence,
-            size_of_cars,
-            constraints,
-            scene: cues,
-            empty_scene,
-        }
+        Some(CameraTrack { estimates, visits, evidence, size_of_cars, constraints, scene: cues, empty_scene })
     }
 }
 

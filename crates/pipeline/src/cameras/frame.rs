@@ -121,5 +121,6 @@ fn of_solution(
         status,
         cars_used,
         frames_used: usize::from(cars_used > 0),
+        second_plane: None,
     }
 }

@@ -1,44 +1,22 @@
 //! The second plane of a site whose ground has a fold.
 
-use roadplane_base::{CameraEstimate, Ground, GroundPlane};
-use roadplane_calibrate::Fold;
+use roadplane_base::{CameraEstimate, GroundPlane, SecondPlane};
+use roadplane_calibrate::{Fold, Joined};
 
-/// The plane of the ground beyond a fold.
-#[derive(Clone, Debug)]
-pub struct SecondPlane {
-    /// The camera above this plane. Its focal length is that above the first plane.
-    pub camera: CameraEstimate,
-    /// Whether the ground lies above the first plane beyond the fold.
-    pub rises: bool,
-}
-
-impl SecondPlane {
-    /// Takes the second plane out of the estimates. Returns `None` if the camera has several estimates, or if the planes
-    /// do not divide the picture like the fold.
-    pub(super) fn take(
-        fold: &Fold,
-        estimates: &mut Vec<CameraEstimate>,
-        segments: &mut Vec<usize>,
-    ) -> Option<Self> {
-        if segments[..] != [0, 1] {
-            return None;
-        }
-        segments.pop();
-        let camera = estimates.pop()?;
-        let first = estimates.first()?.params;
-        let ray = |index: usize| fold.middles_px[index].push(first.focal_px());
-        let inverse_distance =
-            |plane: &GroundPlane, index: usize| -plane.normal_in_camera.dot(&ray(index)) / plane.height_m;
-        let (near, far) = (first.plane(), camera.params.plane());
-        let rises = inverse_distance(&far, 1) > inverse_distance(&near, 1);
-        let found = Self { camera, rises };
-        let ground = found.ground(&near);
-        let is_divided = (0..2).all(|index| ground.part_of_ray(&ray(index)).index == index);
-        is_divided.then_some(found)
+/// Adds the second plane to the camera above the first one: of the two estimates in `joined`, the second one is removed.
+///
+/// Returns `None` if the camera has other estimates, or if the planes do not divide the picture like the fold.
+pub(super) fn with_second_plane(fold: &Fold, mut joined: Joined) -> Option<Joined> {
+    if joined.segments[..] != [0, 1] {
+        return None;
     }
-
-    /// Returns the ground, whose first plane is `first` in the camera frame.
-    pub(crate) fn ground(&self, first: &GroundPlane) -> Ground {
-        Ground::folded(*first, self.camera.params.plane(), self.rises).unwrap_or(Ground::plane(*first))
-    }
+    joined.segments.pop();
+    let CameraEstimate { params, covariance, .. } = joined.estimates.pop()?;
+    let first = joined.estimates.first_mut()?;
+    let ray = |index: usize| fold.middles_px[index].push(first.params.focal_px());
+    let inverse_distance = |plane: &GroundPlane| -plane.normal_in_camera.dot(&ray(1)) / plane.height_m;
+    let rises = inverse_distance(&params.plane()) > inverse_distance(&first.params.plane());
+    first.second_plane = Some(SecondPlane { params, covariance, rises });
+    let ground = first.ground();
+    (0..2).all(|index| ground.part_of_ray(&ray(index)).index == index).then_some(joined)
 }

@@ -93,6 +93,7 @@ impl<'a> Solving<'a> {
                     foot_px,
                     information: evidence.information,
                     gradient: evidence.gradient,
+                    side_px: (view.bbox_px[2] - view.bbox_px[0]).max(view.bbox_px[3] - view.bbox_px[1]),
                 })
             }),
         );

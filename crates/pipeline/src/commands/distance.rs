@@ -100,7 +100,8 @@ fn between(camera: &CameraEstimate, a: &TrackRow, b: &TrackRow) -> Option<Distan
     let by = along(b)? - along(a)?;
     let shared = (by * camera.covariance * by.transpose())[0];
     let sd_m = (own(a) + own(b) + shared).sqrt();
-    Some(Distance { time_s: a.time_s, distance_m: difference.norm(), sd_m })
+    let distance_m = difference.norm().hypot(b.z_m - a.z_m);
+    Some(Distance { time_s: a.time_s, distance_m, sd_m })
 }
 
 #[cfg(test)]

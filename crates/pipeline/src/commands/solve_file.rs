@@ -84,12 +84,17 @@ pub fn solve_file(
             let (constraints, _, warning) = in_first_picture(constraints, None, || read("frames"))?;
             warning.iter().for_each(|warning| tracing::warn!("{warning}"));
             let (optics, atlas, known) = (&optics, &atlas, &constraints);
-            let inputs = CameraInputs { optics, atlas, known, recall: None, scene: None, config };
+            let inputs =
+                CameraInputs { optics, atlas, known, recall: None, scene: None, may_fold: true, config };
             let cameras = inputs.estimate(|| read("camera"))?;
             for frame in read("poses")? {
                 let frame = frame?;
                 if let Some(estimate) = cameras.at(frame.time_s) {
-                    poses.on_plane(&frame, &cameras.view(estimate), any_car(atlas, cameras.size_of_cars))?;
+                    poses.on_plane(
+                        &frame,
+                        &FrameCamera::from(estimate),
+                        any_car(atlas, cameras.size_of_cars),
+                    )?;
                 }
             }
             for warning in cameras.constraints.iter().filter_map(contradiction) {

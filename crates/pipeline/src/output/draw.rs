@@ -7,6 +7,7 @@ use std::path::Path;
 use image::RgbImage;
 use roadplane_base::{CameraEstimate, SceneLine, Shape, ShapeAtlas, TrackRow};
 use roadplane_decode::{DecodeOptions, refuse_address};
+use roadplane_measure::FrameCamera;
 use roadplane_view::{
     DrawnCar, GroundCells, Overlay, PlainFrame, ReportInput, VideoSink, report_html, with_lines,
 };
@@ -92,7 +93,7 @@ impl<'a, R: Iterator<Item = Result<TrackRow, PipelineError>>> Scene<'a, R> {
         }
         let Drawn { cameras, views, shapes } = self.result;
         let Some(estimate) = cameras.at(time_s) else { return Ok(picture.clone()) };
-        let view = cameras.view(estimate);
+        let view = FrameCamera::from(estimate);
         let mut overlay = Overlay::new(picture, &view.camera, &view.ground, self.atlas)?;
         if let Some(picture_from_world) = views.of(frame) {
             overlay = overlay.displaced(picture_from_world);

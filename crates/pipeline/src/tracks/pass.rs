@@ -84,7 +84,7 @@ impl Pass<'_> {
             let tracker = at_position.entry(position).or_insert_with(new);
             views.add(&frame);
             let picture_px = frame.picture_px();
-            let view = self.cameras.view(estimate);
+            let view = FrameCamera::from(estimate);
             let prior =
                 |i: usize| match known.and_then(|known| known.get(&CarRef { frame: frame.frame, car: i })) {
                     Some(KnownCar { vehicle, pose, .. }) => {

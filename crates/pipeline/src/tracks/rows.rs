@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use roadplane_base::{TrackRow, bbox_share_inside};
-use roadplane_measure::{body_box, overlap_inside, projected_box};
+use roadplane_measure::{FrameCamera, body_box, overlap_inside, projected_box};
 use roadplane_track::{Join, Track, TrackState};
 
 use crate::tracks::pass::Pass;
@@ -59,11 +59,10 @@ impl Pass<'_> {
             let in_view = |drawn: &[f64; 4]| bbox_share_inside(drawn, &picture_px) >= IN_VIEW_SHARE;
             let in_world = seen_px.or(projected.filter(in_view))?;
             let bbox_px = views.in_picture(state.stamp.index, &in_world);
-            let part = self.cameras.view(estimate).ground.part_at(state.pose.x_m, state.pose.y_m);
+            let part = estimate.ground().part_at(state.pose.x_m, state.pose.y_m);
             let (pose, z_m) = part.in_world(&state.pose);
             // The sds of each row include the error that all cars share.
-            let camera = self.cameras.camera_above(&part, estimate);
-            let shared = shared_covariance(camera, &part.from_surface(&state.pose));
+            let shared = shared_covariance(estimate, &state.pose);
             let whole = |own: f64, i: usize| (own * own + shared[(i, i)]).sqrt();
             Some(TrackRow {
                 frame: state.stamp.index,
@@ -91,8 +90,8 @@ impl Pass<'_> {
                 y_own_sd_m: Some(state.pose_sd.y),
                 exists_p: Some(track.evidence.probability()),
                 same_vehicle_p: same_vehicle_p(track, state),
-                ground: self.cameras.second_plane.is_some().then_some(part.index),
-                z_m: self.cameras.second_plane.is_some().then_some(z_m),
+                ground: part.index,
+                z_m,
                 on_map: self
                     .place
                     .and_then(|place| place.on_map(&pose, [state.pose_sd.x, state.pose_sd.y], estimate).ok()),
@@ -103,7 +102,7 @@ impl Pass<'_> {
 
     /// Returns the projected box of a vehicle, px; `None` where it is not in front of the camera.
     fn projected_box(&self, track: &Track, state: &TrackState) -> Option<[f64; 4]> {
-        let view = self.cameras.view(self.cameras.at(state.stamp.time_s())?);
+        let view = FrameCamera::from(self.cameras.at(state.stamp.time_s())?);
         if let Some(dims_m) = track.dims_m {
             return body_box(&view, &state.pose, track.class, &dims_m);
         }

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use roadplane_base::{FrameStamp, GroundPose, Shape, ShapeAtlas, VehicleClass};
-use roadplane_measure::{Body, Knowledge, body_box, body_of, car_body, ground_contact};
+use roadplane_measure::{Body, FrameCamera, Knowledge, body_box, body_of, car_body, ground_contact};
 use roadplane_track::{BoxSighting, ExpectedVehicle, Placed, Scene, Size};
 
 use crate::cameras::camera_track::CameraTrack;
@@ -43,7 +43,7 @@ impl Scene for SiteScene<'_> {
         class: VehicleClass,
         dims_m: &Vector3<f64>,
     ) -> Option<[f64; 4]> {
-        body_box(&self.cameras.view(self.cameras.at(stamp.time_s())?), pose, class, dims_m)
+        body_box(&FrameCamera::from(self.cameras.at(stamp.time_s())?), pose, class, dims_m)
     }
 
     fn place(&self, stamp: &FrameStamp, seen: &BoxSighting, vehicle: &ExpectedVehicle) -> Option<Placed> {
@@ -59,7 +59,7 @@ impl Scene for SiteScene<'_> {
             false => Knowledge::Label(vehicle.class),
         };
         let picture_px = self.views.picture_px(stamp.index, estimate.image_size_px);
-        let view = cameras.view(estimate);
+        let view = FrameCamera::from(estimate);
         let found = ground_contact(&seen.bbox_px, &picture_px, seen.hidden, &view, &knowledge)?;
         Some(Placed {
             pose: found.pose,

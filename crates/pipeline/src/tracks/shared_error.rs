@@ -17,6 +17,12 @@ const WAY_M: f64 = 1.0;
 /// `None` where the position is not visible.
 #[must_use]
 pub fn by_camera(estimate: &CameraEstimate, pose: &GroundPose) -> Option<Matrix4<f64>> {
+    let part = estimate.ground().part_at(pose.x_m, pose.y_m);
+    by_plane(&estimate.above(&part), &part.from_surface(pose))
+}
+
+/// As [`by_camera`], for the only plane of the estimate.
+fn by_plane(estimate: &CameraEstimate, pose: &GroundPose) -> Option<Matrix4<f64>> {
     let ahead = Vector2::new(pose.heading_rad.cos(), pose.heading_rad.sin()) * WAY_M;
     let from = Vector2::new(pose.x_m, pose.y_m);
     let pixels = [pixel_of(estimate, &from)?, pixel_of(estimate, &(from + ahead))?];
@@ -44,10 +50,13 @@ pub fn by_camera(estimate: &CameraEstimate, pose: &GroundPose) -> Option<Matrix4
 /// Returns the covariance of x, y, heading and log speed from the camera's errors; zero where these are not finite.
 #[must_use]
 pub fn shared_covariance(estimate: &CameraEstimate, pose: &GroundPose) -> Matrix4<f64> {
-    if !estimate.covariance.iter().all(|v| v.is_finite()) {
+    let part = estimate.ground().part_at(pose.x_m, pose.y_m);
+    let camera = estimate.above(&part);
+    if !camera.covariance.iter().all(|v| v.is_finite()) {
         return Matrix4::zeros();
     }
-    by_camera(estimate, pose).map_or_else(Matrix4::zeros, |by| by * estimate.covariance * by.transpose())
+    let by = by_plane(&camera, &part.from_surface(pose));
+    by.map_or_else(Matrix4::zeros, |by| by * camera.covariance * by.transpose())
 }
 
 /// Returns the pixel of a ground position; `None` where it is not in front of the camera.
@@ -77,6 +86,7 @@ pub(crate) mod tests {
             status: CameraStatus::Estimated,
             cars_used: 9,
             frames_used: 9,
+            second_plane: None,
         }
     }
 

@@ -71,7 +71,7 @@ impl World {
     /// Returns the ground at a pixel of a frame, m; `None` at or above the horizon.
     pub(super) fn ground_at(&self, pixel: &Vector2<f64>, frame: u64) -> Option<Vector2<f64>> {
         let pixel = self.world_from_picture.get(&frame).map_or(*pixel, |view| view.apply(pixel));
-        self.camera.params.plane().world_from_pixel(&self.camera.camera(), &pixel)
+        self.camera.ground().world_from_pixel(&self.camera.camera(), &pixel).map(|at| at.xy())
     }
 
     /// Returns the world position of a place on the map, m; `None` if the clip is not on the map.

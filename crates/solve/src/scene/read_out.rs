@@ -51,7 +51,9 @@ pub(crate) fn read_out(
     let params = CameraParams::from_vector(&problem.state.camera);
     let mut cars: Vec<Option<CarSolution>> = vec![None; views.len()];
     let mut plane_evidence = vec![None; views.len()];
-    for (k, (s, evidence)) in members.iter().zip(problem.plane_evidence()).enumerate() {
+    for (k, (s, evidence)) in
+        members.iter().zip(problem.plane_evidence(options.keypoints_as_one())).enumerate()
+    {
         let view = setup.usable_views[*s].index;
         cars[view] = car_solution(problem, k, &joints[k]).map(|(car, _)| car);
         plane_evidence[view] = evidence;

@@ -36,6 +36,16 @@ pub(super) fn cameras(page: &mut String, cameras: &[CameraEstimate]) {
         );
     }
     page.push_str("</table></div>\n");
+    if let Some(slope_rad) = cameras.iter().find_map(CameraEstimate::slope_rad) {
+        let percent = 100.0 * slope_rad.abs().tan();
+        let verb = if slope_rad > 0.0 { "rises" } else { "falls" };
+        put(
+            page,
+            format_args!(
+                "<p>The ground is two planes. Where the second one begins, it {verb} by {percent:.1} %.</p>\n"
+            ),
+        );
+    }
 }
 
 /// Returns the distortion coefficient and its standard deviation as text; `assumed zero` if the distortion was not

@@ -136,6 +136,7 @@ mod tests {
             status: CameraStatus::Estimated,
             cars_used: 1,
             frames_used: 20,
+            second_plane: None,
         }
     }
 

@@ -73,6 +73,7 @@ struct TrackData<'a> {
     t: Vec<Rounded<3>>,
     x: Vec<Rounded<2>>,
     y: Vec<Rounded<2>>,
+    z: Vec<Rounded<2>>,
     heading: Vec<Rounded<3>>,
     speed: Vec<Rounded<2>>,
     x_sd: Vec<Rounded<2>>,
@@ -198,6 +199,7 @@ fn track_data<'a>(track: u64, rows: &[&'a TrackRow], vertices: &[Vertex<'a>]) ->
         data.t.push(Rounded(row.time_s));
         data.x.push(Rounded(row.x_m));
         data.y.push(Rounded(row.y_m));
+        data.z.push(Rounded(row.z_m));
         data.heading.push(Rounded(*heading_rad));
         data.speed.push(Rounded(row.speed_mps));
         data.x_sd.push(Rounded(row.x_sd_m));

@@ -21,7 +21,7 @@ const playerDraw = (data) => {
     const s = span > 0 ? Math.min(1, Math.max(0, (time - t[low]) / span)) : 0;
     const mix = (list) => list[low] + s * (list[high] - list[low]);
     return {
-      x: mix(track.x), y: mix(track.y), heading: mix(track.heading), speed: mix(track.speed),
+      x: mix(track.x), y: mix(track.y), z: mix(track.z), heading: mix(track.heading), speed: mix(track.speed),
       xSd: mix(track.x_sd), ySd: mix(track.y_sd), headingSd: mix(track.heading_sd), speedSd: mix(track.speed_sd),
       bbox: track.bbox[low].map((edge, i) => edge + s * (track.bbox[high][i] - edge)),
       activity: track.activity[low], segment: track.segment[low],
@@ -138,10 +138,11 @@ const playerDraw = (data) => {
       if (own) {
         const up = track.dims[2], ground = outline(track, state), to = project(state.segment);
         g.lineWidth = 1.2;
-        for (const z of [0, up]) { polyline(g, ground.map(([x, y]) => to([x, y, z])), true); g.stroke(); }
-        for (const [x, y] of ground) { polyline(g, [to([x, y, 0]), to([x, y, up])]); g.stroke(); }
+        const { z } = state;
+        for (const level of [z, z + up]) { polyline(g, ground.map(([x, y]) => to([x, y, level])), true); g.stroke(); }
+        for (const [x, y] of ground) { polyline(g, [to([x, y, z]), to([x, y, z + up])]); g.stroke(); }
         g.strokeStyle = "#fff";
-        polyline(g, ellipse(state).map(to), true);
+        polyline(g, ellipse(state).map(([x, y]) => to([x, y, z])), true);
         g.stroke();
       }
       if (own || x1 - x0 > 26) tag(g, String(track.id), x0, Math.max(15, y0), ink);
@@ -220,7 +221,7 @@ const playerDraw = (data) => {
       if (own) {
         g.strokeStyle = "#fff";
         g.lineWidth = 1.2;
-        polyline(g, ellipse(state).map(to), true);
+        polyline(g, ellipse(state).map(([x, y]) => to([x, y, z])), true);
         g.stroke();
       }
       const [px, py] = to([state.x, state.y]);

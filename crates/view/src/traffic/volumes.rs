@@ -42,7 +42,8 @@ pub struct RoadPicture<'a> {
 impl RoadPicture<'_> {
     /// Returns the pixel of a ground position (m); `None` if it is not in the picture.
     fn pixel_of(&self, [x_m, y_m]: [f64; 2]) -> Option<[f64; 2]> {
-        let point = self.camera.params.plane().camera_from_world() * Point3::new(x_m, y_m, 0.0);
+        let point = self.camera.params.plane().camera_from_world()
+            * Point3::new(x_m, y_m, self.camera.ground().height_at(x_m, y_m));
         let pixel = self.camera.camera().pixel_from_camera(&point.coords)?;
         let pixel = self.picture_from_world.map_or(pixel, |view| view.apply(&pixel));
         let (width, height) = self.picture.dimensions();

@@ -198,6 +198,7 @@ fn our_own_cameras_come_with_their_covariance() {
             status,
             cars_used: 3,
             frames_used: 9,
+            second_plane: None,
         };
         let path = folder.path().join("camera.json");
         write_camera(&path, &[estimate], Vec::new()).unwrap();
@@ -240,6 +241,7 @@ fn contradictions_are_told_by_what_everything_else_says() {
         status: CameraStatus::Estimated,
         cars_used: 3,
         frames_used: 9,
+        second_plane: None,
     };
     let checked = known.checked(SIZE, |others| {
         assert_eq!(others.facts.len(), 1);

@@ -1,12 +1,11 @@
 //! Covariances from the factorised normal equations, and the change of cars when the camera changes.
 
-use nalgebra::{Matrix3, Matrix4, SVector, Vector3, Vector4};
+use nalgebra::{Matrix4, SVector, Vector4};
 
 use super::{CarsProblem, View};
 use crate::linear::arrow::{Joint, PoseBlock};
 use crate::linear::gram::{Gram, MAX_WIDTH, Row};
 use crate::model::pose::Pose;
-use crate::solution::PlaneEvidence;
 
 impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
     /// Returns the cars' information (inverse covariance) on the camera at the current parameters.
@@ -32,22 +31,6 @@ impl<P: Pose<N>, const N: usize, const M: usize> CarsProblem<'_, P, N, M> {
             joint
         };
         self.views.iter().zip(&self.pose_blocks).map(joint).collect()
-    }
-
-    /// Returns the evidence of each view on the plane below its car, for the focal length and shapes of the state.
-    ///
-    /// Call after `linearise`. An entry is `None` if the block of the pose is not positive definite.
-    pub fn plane_evidence(&self) -> Vec<Option<PlaneEvidence>> {
-        let plane = Gram::<N, M>::CAMERA + 1;
-        let evidence = |(view, gram): (&View, &Gram<N, M>)| {
-            let trust = self.groups[view.group].trust;
-            let mut work = gram.clone();
-            work.eliminate(0, N)?;
-            let entry = |i: usize, j: usize| trust * work.rows[plane + i.min(j)][plane + i.max(j)];
-            let gradient = Vector3::from_fn(|i, _| trust * work.gradient(plane + i));
-            Some(PlaneEvidence { information: Matrix3::from_fn(entry), gradient })
-        };
-        self.views.iter().zip(&self.linearisation.grams).map(evidence).collect()
     }
 
     /// Returns the joint covariance of (pose, shape, camera) in a problem of one view.

@@ -23,15 +23,16 @@
 //! camera's covariance, and the mean of b changes its estimate. Poses and shapes are eliminated, but b and λ are kept,
 //! because all frames of a scene share them (`base/src/shared.rs`).
 
-use nalgebra::{DMatrix, DVector, Matrix2x3, SMatrix, Vector2, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix2x3, Matrix3, SMatrix, Vector2, Vector3};
 use roadplane_base::{JointInformation, SHARED_ERRORS};
 
 use super::{GroundProblem, View};
-use crate::linear::gram::MIN_INFORMATION;
+use crate::linear::gram::{Gram, MIN_INFORMATION};
 use crate::model::observation::Observation;
 use crate::model::on_plane::ON_PLANE;
 use crate::model::pose::{CameraFrame, Pose as _};
 use crate::options::ViewErrors;
+use crate::solution::PlaneEvidence;
 
 /// Number of unknowns that all cars share: the camera (4) and the shared errors.
 const SHARED: usize = 4 + SHARED_ERRORS;
@@ -95,6 +96,23 @@ impl<const M: usize> GroundProblem<'_, M> {
         let joint =
             JointInformation { information, cross, vector: information * self.state.camera - by_mean };
         joint.vector.iter().chain(cross.iter()).all(|v| v.is_finite()).then_some(joint)
+    }
+
+    /// Returns the evidence of each view alone on the plane below its car, for the focal length and shapes of the
+    /// problem.
+    ///
+    /// Call after `linearise`. An entry is `None` if the block of the pose is not positive definite.
+    pub fn plane_evidence(&self, keypoints_as_one: f64) -> Vec<Option<PlaneEvidence>> {
+        let plane = Gram::<ON_PLANE, M>::CAMERA + 1;
+        let evidence = |(view, gram): (&View, &Gram<ON_PLANE, M>)| {
+            let weight = self.misfit(view.group, &self.groups[view.group]).weight() / keypoints_as_one;
+            let mut work = gram.clone();
+            work.eliminate(0, ON_PLANE)?;
+            let entry = |i: usize, j: usize| weight * work.rows[plane + i.min(j)][plane + i.max(j)];
+            let gradient = Vector3::from_fn(|i, _| weight * work.gradient(plane + i));
+            Some(PlaneEvidence { information: Matrix3::from_fn(entry), gradient })
+        };
+        self.views.iter().zip(&self.linearisation.grams).map(evidence).collect()
     }
 
     /// Returns cos² of the angle on the ground between the heading of view `k`'s car and the line of sight.
