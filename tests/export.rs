@@ -78,6 +78,7 @@ fn surveyed_lot(truth: &Value) -> (Place, CameraEstimate, String) {
         status: CameraStatus::Estimated,
         cars_used: 0,
         frames_used: 0,
+        second_plane: None,
     };
     let place = Place::from_camera(&camera, [51.05, 13.74], 130.0).unwrap();
     let line = |pixel: [f64; 2]| {

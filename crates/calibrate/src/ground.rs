@@ -303,3 +303,80 @@ fn without_plane((hessian, gradient): &Equations) -> Option<(Matrix3<f64>, Vecto
         gradient.fixed_rows::<3>(3) - solved.transpose() * gradient.fixed_rows::<3>(0),
     ))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use roadplane_base::GroundPlane;
+    use roadplane_synth::Rng;
+
+    /// Fold of the tests: 45 px below the middle of the picture, which is turned by a tenth.
+    const LINE: [f64; 3] = [0.1, -1.0, 45.0];
+
+    /// Returns the evidence of cars on a grid over the picture. The ground beyond the line is turned by an angle (rad).
+    fn evidence(angle_rad: f64) -> GroundEvidence {
+        let params = CameraParams::new(1200.0, &GroundPlane::from_tilt_roll_height(0.25, 0.02, 8.0));
+        let alone = Solved { params, views: Vec::new() };
+        let change = alone.change(&Vector3::from(LINE)).unwrap() * angle_rad;
+        let information = Matrix3::new(4e3, 30.0, 60.0, 30.0, 3e3, 20.0, 60.0, 20.0, 1.2e3);
+        let mut evidence = GroundEvidence::default();
+        let mut random = Rng::new(7);
+        let view = |i: usize| {
+            let foot_px = Vector2::new(70.0 * (i % 13) as f64 - 420.0, 40.0 * (i / 13) as f64 - 140.0);
+            let beyond = if is_beyond(&Vector3::from(LINE), &foot_px) { change } else { Vector3::zeros() };
+            let error = Vector3::from_fn(|k, _| random.normal() / f64::sqrt(information[(k, k)]));
+            GroundView {
+                link: i as LinkId,
+                parked: false,
+                foot_px,
+                side_px: 60.0,
+                information,
+                gradient: -(information * (beyond + error)),
+            }
+        };
+        evidence.add(params, (0..130).map(view));
+        evidence
+    }
+
+    #[test]
+    fn a_fold_is_found_where_it_is() {
+        for angle_rad in [0.06, -0.06] {
+            let fold = evidence(angle_rad).fold().unwrap();
+            assert!(fold.is_certain() && (fold.angle_rad / angle_rad - 1.0).abs() < 0.4, "{fold:?}");
+            // Cars that are 70 px away from the line are on the right side.
+            let line = Vector3::from(LINE);
+            let upside = if fold.line.dot(&line) > 0.0 { 1.0 } else { -1.0 };
+            for x in [-300.0, 0.0, 300.0] {
+                let on_line = Vector2::new(x, 45.0 + 0.1 * x);
+                assert!(fold.is_beyond(&(on_line - Vector2::new(0.0, 70.0 * upside))), "{fold:?}");
+                assert!(!fold.is_beyond(&(on_line + Vector2::new(0.0, 70.0 * upside))), "{fold:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_plane_ground_has_no_certain_fold() {
+        assert!(!evidence(0.0).fold().unwrap().is_certain());
+        assert!(GroundEvidence::default().fold().is_none());
+    }
+
+    #[test]
+    fn a_fold_moves_only_the_ground_beyond_its_line() {
+        let params = CameraParams::new(1200.0, &GroundPlane::from_tilt_roll_height(0.25, 0.02, 8.0));
+        let line = Vector3::from(LINE);
+        let change = Solved { params, views: Vec::new() }.change(&line).unwrap();
+        let angle_rad = 1e-4;
+        let numbers = params.to_vector() + (change * angle_rad).insert_row(0, 0.0);
+        let (near, far) = (params.plane(), CameraParams::from_vector(&numbers).plane());
+        assert!((near.normal_in_camera.angle(&far.normal_in_camera) / angle_rad - 1.0).abs() < 1e-3);
+        // On the line, both planes are equally far away. Beyond it, the second one is nearer.
+        let nearness = |plane: &GroundPlane, x: f64, off: f64| {
+            let ray = Vector3::new(x, 45.0 + 0.1 * x - off, 1200.0);
+            -plane.normal_in_camera.dot(&ray) / plane.height_m
+        };
+        for x in [-300.0, 0.0, 300.0] {
+            let nearer = |off: f64| nearness(&far, x, off) - nearness(&near, x, off);
+            assert!(nearer(0.0).abs() < 1e-2 * nearer(40.0), "{} {}", nearer(0.0), nearer(40.0));
+        }
+    }
+}

@@ -269,7 +269,7 @@ fn mixture(fits: &[Fit]) -> Option<GroundContact> {
 mod tests {
     use super::*;
     use roadplane_base::ImageSize;
-    use roadplane_base::{Camera, GroundPlane};
+    use roadplane_base::{Camera, Ground, GroundPlane};
 
     /// Size of the test pictures, px.
     const SIZE: ImageSize = ImageSize { width: 1280, height: 720 };
@@ -278,7 +278,7 @@ mod tests {
     fn view() -> FrameCamera {
         FrameCamera {
             camera: Camera::centred(1100.0, SIZE),
-            plane: GroundPlane::from_tilt_roll_height(0.3, 0.0, 9.0),
+            ground: Ground::plane(GroundPlane::from_tilt_roll_height(0.3, 0.0, 9.0)),
         }
     }
 

@@ -361,9 +361,9 @@ fn warnings_of(cameras: &CameraTrack) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::{Point3, Vector2};
+    use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector2, Vector3};
     use roadplane_base::{
-        Camera, CameraParams, CarRecord, FrameRecord, GroundPose, ImageSize, KEYPOINTS, Keypoint,
+        Camera, CameraParams, CarRecord, FrameRecord, GroundPose, ImageSize, KEYPOINTS, Keypoint, WatchRecord,
     };
     use roadplane_write::JsonLines;
 
@@ -378,9 +378,20 @@ mod tests {
 
     /// Returns the detection of a vehicle by a net whose keypoints have errors of half a pixel.
     fn seen(atlas: &ShapeAtlas, pose: &GroundPose, shape: &Shape, frame: u64) -> CarRecord {
+        seen_in_world(atlas, &pose.world_from_car(), shape, frame)
+    }
+
+    /// Returns the detection of a vehicle at a pose in the world.
+    fn seen_in_world(
+        atlas: &ShapeAtlas,
+        world_from_car: &Isometry3<f64>,
+        shape: &Shape,
+        frame: u64,
+    ) -> CarRecord {
         let params = CameraParams { log_focal: 1400f64.ln(), tilt: 0.35, roll: 0.02, log_height: 9f64.ln() };
         let camera = Camera::centred(params.focal_px(), SIZE);
-        let camera_from_car = params.plane().camera_from_world() * pose.world_from_car();
+        let camera_from_car = params.plane().camera_from_world() * world_from_car;
+        let pose = world_from_car.translation.vector;
         let noise = |i: usize, phase: f64| 0.5 * (frame as f64 * 12.9898 + i as f64 * 78.233 + phase).sin();
         let pixels: [Vector2<f64>; KEYPOINTS] = std::array::from_fn(|i| {
             let point = Point3::from(atlas.keypoint_in_car(i, shape));
@@ -397,7 +408,7 @@ mod tests {
             edge(f64::max, 1, high),
         ];
         let keypoints = std::array::from_fn(|i| {
-            let pixel = pixels[i] + Vector2::new(noise(i, pose.x_m), noise(i, 1.0 + pose.y_m));
+            let pixel = pixels[i] + Vector2::new(noise(i, pose.x), noise(i, 1.0 + pose.y));
             Some(Keypoint::isotropic(pixel, 0.9, 0.5))
         });
         CarRecord { keypoints: Some(Box::new(keypoints)), ..CarRecord::boxed(bbox_px) }
@@ -427,6 +438,57 @@ mod tests {
             lines.write(&FrameRecord { cars, ..FrameRecord::empty(frame, time_s, SIZE) }).unwrap();
         }
         lines.finish().unwrap();
+    }
+
+    /// Distance at which the road of [`rising_road`] begins to rise, m.
+    const FOLD_M: f64 = 28.0;
+
+    /// Writes the frames of a clip in which vehicles drive away on a road that rises by `slope` (rad) from [`FOLD_M`] on.
+    fn rising_road(path: &Path, atlas: &ShapeAtlas, slope: f64) {
+        let mut lines = JsonLines::create(path).unwrap();
+        let fold = Translation3::new(0.0, FOLD_M, 0.0);
+        let rise = fold * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), slope) * fold.inverse();
+        for frame in 0..120_u64 {
+            let time_s = frame as f64 / 4.0;
+            let vehicle = |k: u32| {
+                let y_m = (17.0 + 3.0 * time_s + 5.5 * f64::from(k)) % 44.0 + 16.0;
+                let x_m = [-5.0, 0.0, 4.5][k as usize % 3];
+                let on_plane = GroundPose { x_m, y_m, heading_rad: 1.5 }.world_from_car();
+                let world_from_car = if y_m > FOLD_M { rise * on_plane } else { on_plane };
+                let shape = Shape::new(f64::from(k % 5) * 0.4 - 0.8, 0.0, 0.0, 0.0, 0.0, 0.0);
+                seen_in_world(atlas, &world_from_car, &shape, frame)
+            };
+            let cars = (0..8).map(vehicle).collect();
+            // The vehicles have equal distances, so that only the picture shows that the camera is at rest.
+            let watch = Some(WatchRecord { looked: true, ..WatchRecord::default() });
+            lines.write(&FrameRecord { cars, watch, ..FrameRecord::empty(frame, time_s, SIZE) }).unwrap();
+        }
+        lines.finish().unwrap();
+    }
+
+    #[test]
+    fn vehicles_on_a_rising_road_are_placed_on_two_planes() {
+        let (folder, atlas) = (tempfile::tempdir().unwrap(), ShapeAtlas::shipped().unwrap());
+        let (path, poses) = (folder.path().join("frames.jsonl"), folder.path().join("poses.jsonl"));
+        let solve = |slope: f64| {
+            rising_road(&path, &atlas, slope);
+            let (known, cancel) = (CameraConstraints::default(), Cancel::default());
+            solve_clip(&path, &poses, &atlas, &known, &Config::default(), &cancel).unwrap()
+        };
+        let slope = 0.12f64;
+        let found = solve(slope);
+        let slope_found = found.cameras.estimates[0].slope_rad().unwrap();
+        assert!((slope_found - slope).abs() < 0.03, "{slope_found}");
+        let far: Vec<&TrackRow> =
+            found.rows.iter().filter(|row| row.observed && row.y_m > FOLD_M + 8.0).collect();
+        assert!(far.len() > 100 && far.iter().all(|row| row.ground == 1));
+        for row in far {
+            let height_m = (row.y_m - FOLD_M) * slope.tan();
+            assert!((row.z_m - height_m).abs() < 0.2 * height_m + 0.3, "{} {height_m}", row.z_m);
+        }
+        let near = found.rows.iter().filter(|row| row.y_m < FOLD_M - 4.0);
+        assert!(near.clone().count() > 100 && near.into_iter().all(|row| row.ground == 0 && row.z_m == 0.0));
+        assert_eq!(solve(0.0).cameras.estimates[0].slope_rad(), None);
     }
 
     #[test]

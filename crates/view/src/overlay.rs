@@ -50,7 +50,7 @@ pub struct DrawnCar<'a> {
 pub struct Overlay<'a> {
     canvas: Canvas,
     camera: &'a Camera,
-    ground: &'a Ground,
+    ground: Ground,
     atlas: &'a ShapeAtlas,
     thickness: i32,
     /// Mapping from the pixels of `camera` to those of the picture; `None` if the picture is not displaced.
@@ -65,7 +65,7 @@ impl<'a> Overlay<'a> {
     pub fn new(
         picture: &RgbImage,
         camera: &'a Camera,
-        ground: &'a Ground,
+        ground: Ground,
         atlas: &'a ShapeAtlas,
     ) -> Result<Self, ViewError> {
         let thickness = if picture.width() >= 1600 { 2 } else { 1 };
@@ -299,7 +299,7 @@ mod tests {
         let camera = Camera::centred(900.0, ImageSize { width: 640, height: 480 });
         let plane = GroundPlane::from_tilt_roll_height(0.4, 0.0, 8.0);
         let black = RgbImage::new(640, 480);
-        let mut overlay = Overlay::new(&black, &camera, &Ground::plane(plane), &atlas).unwrap();
+        let mut overlay = Overlay::new(&black, &camera, Ground::plane(plane), &atlas).unwrap();
         let pose = GroundPose { x_m: 0.0, y_m: 18.0, heading_rad: 0.7 };
         let row = TrackRow {
             x_m: pose.x_m,
@@ -338,7 +338,7 @@ mod tests {
         let camera = Camera::centred(900.0, ImageSize { width: 640, height: 480 });
         let plane = GroundPlane::from_tilt_roll_height(0.2, 0.05, 8.0);
         let mut overlay =
-            Overlay::new(&RgbImage::new(640, 480), &camera, &Ground::plane(plane), &atlas).unwrap();
+            Overlay::new(&RgbImage::new(640, 480), &camera, Ground::plane(plane), &atlas).unwrap();
         overlay.horizon(&camera, &plane, [255, 0, 0]).unwrap();
         let drawn = overlay.finish().unwrap();
         for x_m in [-2e6, 0.0, 3e6] {

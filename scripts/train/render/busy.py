@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from .dataset import TRUTH
 from .frames import ExactCanvas, Region, VideoWriter, ffmpeg, finished, reached_region, sample_finish
 from .junction import Junction, Vehicle, touching
 from .outlines import Outlines
+from .paths import Motion
 from .places import Site, make_street
 from .renderer import Renderer
 from .scene import PlacedCar, Scene
@@ -79,6 +81,25 @@ def sample_busy(
             return camera, site, vehicles, frames_of([camera] * round(seconds * fps), site, vehicles, fps), rng
 
 
+class Risen:
+    """A vehicle on a road that rises, or falls, beyond a line across the viewing direction."""
+
+    def __init__(self, vehicle: Vehicle, slope: float, from_m: float) -> None:
+        """Takes the vehicle on the plane, the change of slope, and the world y of the line, m."""
+        self.vehicle, self.mesh, self.from_m = vehicle, vehicle.mesh, from_m
+        cos, sin = np.cos(np.arctan(slope)), np.sin(np.arctan(slope))
+        turn, there = np.eye(4), np.eye(4)
+        turn[1:3, 1:3], there[1, 3] = [[cos, -sin], [sin, cos]], from_m
+        self.risen_from_plane = there @ turn @ np.linalg.inv(there)
+
+    def at(self, time_s: float) -> Motion | None:
+        """Returns the motion of the vehicle at a time; None if it is not there."""
+        motion = self.vehicle.at(time_s)
+        if motion is None or motion.world_from_car[1, 3] <= self.from_m:
+            return motion
+        return replace(motion, world_from_car=self.risen_from_plane @ motion.world_from_car)
+
+
 def _in_view(camera: Camera, vehicles: list[Vehicle], seconds: float) -> bool:
     counts = []
     for time_s in np.linspace(0, seconds, 6):
@@ -89,7 +110,7 @@ def _in_view(camera: Camera, vehicles: list[Vehicle], seconds: float) -> bool:
     return IN_VIEW[0] <= np.mean(counts) <= IN_VIEW[1]
 
 
-def frames_of(cameras: list[Camera], site: Site, vehicles: list[Vehicle], fps: float) -> list[list[dict]]:
+def frames_of(cameras: list[Camera], site: Site, vehicles: list[Vehicle] | list[Risen], fps: float) -> list[list[dict]]:
     """Returns the well visible vehicles of each frame. `cameras` has the camera of each frame."""
     outlines = Outlines(cameras[0], site.props)
     frames = []
@@ -177,6 +198,9 @@ def make(out: Path, options: argparse.Namespace) -> None:
         rng = np.random.default_rng([options.seed, 3, number])
         weather = list(WEATHERS)[number % len(WEATHERS)]
         camera, site, vehicles, frames, rng = sample_busy(rng, options.split, options.seconds, options.fps, options.size)
+        if options.rise:
+            risen = [Risen(vehicle, options.rise, options.rise_from_m) for vehicle in vehicles]
+            frames = frames_of([camera] * len(frames), site, risen, options.fps)
         media = f"{stem}.mp4" if options.pixels else None
         if options.pixels:
             renderer = renderer or Renderer(shadow_size=4096)
@@ -200,7 +224,11 @@ def main() -> None:
     parser.add_argument("--split", choices=("train", "eval"), default="eval")
     parser.add_argument("--seed", type=int, default=6)
     parser.add_argument("--pixels", action="store_true", help="renders the videos, too")
+    parser.add_argument("--rise", type=float, default=0.0, metavar="SLOPE", help="change of the road's slope, such as 0.06")
+    parser.add_argument("--rise-from-m", type=float, default=45.0, metavar="M", help="distance at which it changes")
     options = parser.parse_args()
+    if options.rise and options.pixels:
+        parser.error("--rise has no pictures: leave out --pixels")
     make(options.out, options)
 
 

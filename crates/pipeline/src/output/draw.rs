@@ -94,7 +94,7 @@ impl<'a, R: Iterator<Item = Result<TrackRow, PipelineError>>> Scene<'a, R> {
         let Drawn { cameras, views, shapes } = self.result;
         let Some(estimate) = cameras.at(time_s) else { return Ok(picture.clone()) };
         let view = FrameCamera::from(estimate);
-        let mut overlay = Overlay::new(picture, &view.camera, &view.ground, self.atlas)?;
+        let mut overlay = Overlay::new(picture, &view.camera, view.ground, self.atlas)?;
         if let Some(picture_from_world) = views.of(frame) {
             overlay = overlay.displaced(picture_from_world);
         }

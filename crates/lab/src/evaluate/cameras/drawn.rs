@@ -62,8 +62,7 @@ fn drawn(measured: &Measured, atlas: &ShapeAtlas, config: &Config) -> Result<Pic
         camera.principal_point_px.y += f64::from(lift);
     }
     let fail = |error| LabError::from(PipelineError::View(error));
-    let ground = Ground::plane(plane);
-    let mut overlay = Overlay::new(&lifted, &ours, &ground, atlas).map_err(fail)?;
+    let mut overlay = Overlay::new(&lifted, &ours, Ground::plane(plane), atlas).map_err(fail)?;
     let mut cells = GroundCells::default();
     for car in &outcome.cars {
         cells.add(car.world_from_car[0][3], car.world_from_car[1][3]);
