@@ -111,10 +111,10 @@ fn positions_on_the_map_are_columns() {
     let file = std::fs::File::open(dir.path().join("tracks.parquet")).unwrap();
     let reader = SerializedFileReader::new(file).unwrap();
     let rows: Vec<_> = reader.get_row_iter(None).unwrap().map(Result::unwrap).collect();
-    assert_eq!(rows[0].len(), 33);
-    assert_eq!(rows[0].get_double(28).ok(), Some(411_000.123_5));
-    assert_eq!(rows[0].get_string(27).unwrap(), "33N");
-    assert!(rows[1].get_double(25).is_err(), "null");
+    assert_eq!(rows[0].len(), 35);
+    assert_eq!(rows[0].get_double(30).ok(), Some(411_000.123_5));
+    assert_eq!(rows[0].get_string(29).unwrap(), "33N");
+    assert!(rows[1].get_double(27).is_err(), "null");
 }
 
 #[test]
