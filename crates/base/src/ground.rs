@@ -85,8 +85,7 @@ impl Ground {
     #[must_use]
     pub fn beyond(&self, ray: &Vector3<f64>) -> f64 {
         let Some(far) = &self.far else { return -1.0 };
-        let nearness = |plane: &GroundPlane| -plane.normal_in_camera.dot(ray) / plane.height_m;
-        let nearer = nearness(&far.plane) - nearness(&self.near);
+        let nearer = far.plane.inverse_distance(ray) - self.near.inverse_distance(ray);
         if far.rises { nearer } else { -nearer }
     }
 
@@ -110,7 +109,8 @@ impl Ground {
         Some((part.world_from_plane * Point3::new(at.x, at.y, 0.0)).coords)
     }
 
-    /// Returns the z of the ground at a position in the world frame, m.
+    /// Returns the z of the ground at a position in the world frame, m. World and surface have the same border between the
+    /// planes.
     #[must_use]
     pub fn height_at(&self, x_m: f64, y_m: f64) -> f64 {
         let part = self.part_at(x_m, y_m);
@@ -162,8 +162,7 @@ impl GroundPart {
             return (*pose, 0.0);
         }
         let world_from_car = self.world_from_plane * self.from_surface(pose).world_from_car();
-        let (at, forward) = (world_from_car.translation.vector, world_from_car.rotation * Vector3::x());
-        (GroundPose { x_m: at.x, y_m: at.y, heading_rad: forward.y.atan2(forward.x) }, at.z)
+        (GroundPose::nearest(&world_from_car), world_from_car.translation.z)
     }
 
     /// Converts a covariance of (x, y, heading) on this plane alone to one on the surface.

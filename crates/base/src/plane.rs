@@ -48,6 +48,13 @@ impl GroundPlane {
         self.normal_in_camera.dot(point_in_camera) + self.height_m
     }
 
+    /// Returns one over the factor by which a ray from the camera must be multiplied to meet the plane; negative for rays
+    /// above the horizon.
+    #[must_use]
+    pub fn inverse_distance(&self, ray: &Vector3<f64>) -> f64 {
+        -self.normal_in_camera.dot(ray) / self.height_m
+    }
+
     /// Returns the rigid motion from world to camera coordinates.
     ///
     /// If the camera points straight down, the image's up direction defines the world's y axis.

@@ -13,7 +13,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Matrix3, Matrix3x6, Matrix6, Vector2, Vector3, Vector6};
-use roadplane_base::{CameraParams, upper_median};
+use roadplane_base::{CameraParams, StudentT, upper_median};
 
 use crate::{LinkId, VerticalVanishingPoint};
 
@@ -38,8 +38,10 @@ const DIRECTIONS: usize = 12;
 const LINES: usize = 12;
 /// Largest number of views. Later windows of a long clip are not used.
 const MOST_VIEWS: usize = 4000;
-/// Degrees of freedom of the error of a view. Views that contradict the others count less.
-const FREEDOM: f64 = 4.0;
+/// Error of a view on (tilt, roll, log height). Views that contradict the others count less.
+const VIEW_ERROR: StudentT = StudentT { dimensions: 3.0 };
+/// Median of a chi-squared variable with three degrees of freedom.
+const CHI2_MEDIAN: f64 = 2.366;
 /// Number of rounds in which the views' weights are computed.
 const ROUNDS: usize = 5;
 
@@ -173,11 +175,10 @@ impl GroundEvidence {
                 .map(|(window, weights)| window.squares(weights).unwrap_or(vec![0.0; weights.len()]))
                 .collect();
             let mut all: Vec<f64> = squares.iter().flatten().copied().collect();
-            // Median of a chi-squared variable with three degrees of freedom.
-            let scale = (upper_median(&mut all, f64::total_cmp).unwrap_or(1.0) / 2.366).max(1.0);
+            let scale = (upper_median(&mut all, f64::total_cmp).unwrap_or(1.0) / CHI2_MEDIAN).max(1.0);
             for (weights, squares) in weights.iter_mut().zip(&squares) {
                 for (weight, square) in weights.iter_mut().zip(squares) {
-                    *weight = (FREEDOM + 3.0) / (FREEDOM + square / scale) / scale;
+                    *weight = VIEW_ERROR.weight(square / scale) / scale;
                 }
             }
         }

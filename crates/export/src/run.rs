@@ -178,6 +178,11 @@ impl Run {
             ));
         };
         let camera = only.camera.estimate();
+        if camera.second_plane.is_some() && matches!(site, Site::Points(_)) {
+            return Err(
+                "the ground of the run is two planes, but --geo needs one: use --camera-at".to_owned()
+            );
+        }
         // Frames that are not displaced have no entry.
         let view = |frame: u64| only.camera.picture_from_world(self.motion.get(&frame)?);
         let world_from_picture =

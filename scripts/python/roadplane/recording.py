@@ -105,7 +105,7 @@ def _log_row(row: dict[Any, Any]) -> None:
     rr.log(
         f"world/cars/{track}",
         rr.Boxes3D(
-            centers=[[row["x_m"], row["y_m"], row["height_m"] / 2]],
+            centers=[[row["x_m"], row["y_m"], row.get("z_m", 0.0) + row["height_m"] / 2]],
             sizes=[[row["length_m"], row["width_m"], row["height_m"]]],
             quaternions=[turn],
             colors=[paint],

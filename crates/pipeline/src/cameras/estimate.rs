@@ -102,6 +102,9 @@ impl CameraInputs<'_> {
         // The planes of a moved camera are not followed from one position to the next.
         let may_fold = self.may_fold && clip.visits.len() == 1 && self.known.is_silent();
         let fold = if may_fold { clip.ground.fold() } else { None };
+        if let Some(Fold { log_evidence, angle_rad, .. }) = fold {
+            tracing::debug!(log_evidence, angle_deg = angle_rad.to_degrees(), "evidence for a second plane");
+        }
         if let Some(fold) = fold.filter(Fold::is_certain) {
             if let Some(cameras) = self.join(self.solve(frames()?, Some(&fold))?, Some(&fold)) {
                 let slope_rad = cameras.estimates.first().and_then(CameraEstimate::slope_rad).unwrap_or(0.0);

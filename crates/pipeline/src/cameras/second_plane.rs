@@ -1,22 +1,24 @@
 //! The second plane of a site whose ground has a fold.
 
-use roadplane_base::{CameraEstimate, GroundPlane, SecondPlane};
+use roadplane_base::{CameraEstimate, CameraStatus, SecondPlane};
 use roadplane_calibrate::{Fold, Joined};
 
 /// Adds the second plane to the camera above the first one: of the two estimates in `joined`, the second one is removed.
 ///
-/// Returns `None` if the camera has other estimates, or if the planes do not divide the picture like the fold.
+/// Returns `None` if the camera has other estimates, if the cars do not determine both planes, or if the planes do not
+/// divide the picture like the fold.
 pub(super) fn with_second_plane(fold: &Fold, mut joined: Joined) -> Option<Joined> {
-    if joined.segments[..] != [0, 1] {
+    let is_determined = |estimate: &CameraEstimate| estimate.status != CameraStatus::Unobservable;
+    if joined.segments[..] != [0, 1] || !joined.estimates.iter().all(is_determined) {
         return None;
     }
     joined.segments.pop();
     let CameraEstimate { params, covariance, .. } = joined.estimates.pop()?;
     let first = joined.estimates.first_mut()?;
-    let ray = |index: usize| fold.middles_px[index].push(first.params.focal_px());
-    let inverse_distance = |plane: &GroundPlane| -plane.normal_in_camera.dot(&ray(1)) / plane.height_m;
-    let rises = inverse_distance(&params.plane()) > inverse_distance(&first.params.plane());
+    let rays = fold.middles_px.map(|middle| middle.push(first.params.focal_px()));
+    let rises = params.plane().inverse_distance(&rays[1]) > first.params.plane().inverse_distance(&rays[1]);
     first.second_plane = Some(SecondPlane { params, covariance, rises });
     let ground = first.ground();
-    (0..2).all(|index| ground.part_of_ray(&ray(index)).index == index).then_some(joined)
+    let is_divided = (0..2).all(|index| ground.part_of_ray(&rays[index]).index == index);
+    is_divided.then_some(joined)
 }

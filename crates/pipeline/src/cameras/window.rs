@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use roadplane_base::{Camera, CameraParams, ImageSize, Keypoint, Lens, ParkedCar, ShapeAtlas};
+use roadplane_base::{Camera, CameraParams, ImageSize, Keypoint, Lens, ParkedCar, ShapeAtlas, bbox_foot};
 use roadplane_calibrate::{CarIdentity, CarUse, GroundEvidence, GroundView, View, Window, WindowEstimate};
 use roadplane_measure::projected_box;
 use roadplane_solve::{CarView, SceneOptions, solve_scene};
@@ -84,9 +84,8 @@ impl<'a> Solving<'a> {
         self.ground.add(
             solution.params,
             on_ground.filter_map(|((view, car), evidence)| {
-                let (car, evidence) = (car.as_ref().filter(|car| car.used)?, evidence.as_ref()?);
-                let foot = car.camera_from_car.translation.vector;
-                let foot_px = foot.xy() * (solution.params.focal_px() / foot.z);
+                let evidence = evidence.as_ref().filter(|_| car.as_ref().is_some_and(|car| car.used))?;
+                let foot_px = options.lens.undistorted(&(bbox_foot(&view.bbox_px) - size.centre_px()));
                 Some(GroundView {
                     link: view.link,
                     parked: view.parked,

@@ -5,7 +5,7 @@ use std::collections::BTreeSet;
 use std::path::Path;
 
 use nalgebra::{RowVector4, Vector2};
-use roadplane_base::{CameraEstimate, TrackRow};
+use roadplane_base::{CameraEstimate, GroundPart, TrackRow};
 use roadplane_write::{read_camera, read_jsonl};
 
 use crate::PipelineError;
@@ -97,8 +97,15 @@ fn between(camera: &CameraEstimate, a: &TrackRow, b: &TrackRow) -> Option<Distan
     let along = |row: &TrackRow| -> Option<RowVector4<f64>> {
         Some(direction.transpose() * by_camera(camera, &row.pose())?.fixed_rows::<2>(0))
     };
-    let by = along(b)? - along(a)?;
-    let shared = (by * camera.covariance * by.transpose())[0];
+    let ground = camera.ground();
+    let [part_a, part_b] = [a, b].map(|row| ground.part_at(row.x_m, row.y_m));
+    let variance =
+        |by: RowVector4<f64>, part: &GroundPart| (by * camera.above(part).covariance * by.transpose())[0];
+    // On one plane, most of the shared error cancels. The errors of two planes count as independent.
+    let shared = match part_a.index == part_b.index {
+        true => variance(along(b)? - along(a)?, &part_a),
+        false => variance(along(a)?, &part_a) + variance(along(b)?, &part_b),
+    };
     let sd_m = (own(a) + own(b) + shared).sqrt();
     let distance_m = difference.norm().hypot(b.z_m - a.z_m);
     Some(Distance { time_s: a.time_s, distance_m, sd_m })

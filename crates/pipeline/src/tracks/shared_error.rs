@@ -5,7 +5,7 @@
 //! the scale.
 
 use nalgebra::{Matrix4, SMatrix, Vector2, Vector4};
-use roadplane_base::{Camera, CameraEstimate, CameraParams, GroundPose};
+use roadplane_base::{Camera, CameraEstimate, CameraParams, GroundPart, GroundPose};
 
 /// Step of the numerical derivatives, rad or log.
 const STEP: f64 = 1e-5;
@@ -18,7 +18,14 @@ const WAY_M: f64 = 1.0;
 #[must_use]
 pub fn by_camera(estimate: &CameraEstimate, pose: &GroundPose) -> Option<Matrix4<f64>> {
     let part = estimate.ground().part_at(pose.x_m, pose.y_m);
-    by_plane(&estimate.above(&part), &part.from_surface(pose))
+    Some(on_surface(&part, by_plane(&estimate.above(&part), &part.from_surface(pose))?))
+}
+
+/// Turns derivatives of x and y on a plane alone to those on the surface.
+fn on_surface(part: &GroundPart, mut by: Matrix4<f64>) -> Matrix4<f64> {
+    let turned = part.surface_from_plane.rotation.to_rotation_matrix() * by.fixed_rows::<2>(0);
+    by.fixed_rows_mut::<2>(0).copy_from(&turned);
+    by
 }
 
 /// As [`by_camera`], for the only plane of the estimate.
@@ -55,7 +62,7 @@ pub fn shared_covariance(estimate: &CameraEstimate, pose: &GroundPose) -> Matrix
     if !camera.covariance.iter().all(|v| v.is_finite()) {
         return Matrix4::zeros();
     }
-    let by = by_plane(&camera, &part.from_surface(pose));
+    let by = by_camera(estimate, pose);
     by.map_or_else(Matrix4::zeros, |by| by * camera.covariance * by.transpose())
 }
 

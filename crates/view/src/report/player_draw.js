@@ -119,7 +119,7 @@ const playerDraw = (data) => {
       g.lineWidth = 2;
       g.strokeStyle = state ? colour(chosen, state, by) : chosen.colour;
       g.globalAlpha = 0.8;
-      polyline(g, chosen.x.map((x, i) => project(here)([x, chosen.y[i]])));
+      polyline(g, chosen.x.map((x, i) => project(here)([x, chosen.y[i], chosen.z[i]])));
       g.stroke();
       g.globalAlpha = 1;
     }
@@ -221,7 +221,7 @@ const playerDraw = (data) => {
       if (own) {
         g.strokeStyle = "#fff";
         g.lineWidth = 1.2;
-        polyline(g, ellipse(state).map(([x, y]) => to([x, y, z])), true);
+        polyline(g, ellipse(state).map(to), true);
         g.stroke();
       }
       const [px, py] = to([state.x, state.y]);

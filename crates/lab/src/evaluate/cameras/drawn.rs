@@ -2,7 +2,7 @@
 //! horizon.
 
 use image::RgbImage;
-use roadplane_base::{Ground, Shape, ShapeAtlas};
+use roadplane_base::{Shape, ShapeAtlas};
 use roadplane_pipeline::{Config, PipelineError, open_input};
 use roadplane_tables::Picture;
 use roadplane_view::{GroundCells, Overlay, Rgb, horizon_y_px};
@@ -62,7 +62,7 @@ fn drawn(measured: &Measured, atlas: &ShapeAtlas, config: &Config) -> Result<Pic
         camera.principal_point_px.y += f64::from(lift);
     }
     let fail = |error| LabError::from(PipelineError::View(error));
-    let mut overlay = Overlay::new(&lifted, &ours, Ground::plane(plane), atlas).map_err(fail)?;
+    let mut overlay = Overlay::new(&lifted, &ours, estimate.ground(), atlas).map_err(fail)?;
     let mut cells = GroundCells::default();
     for car in &outcome.cars {
         cells.add(car.world_from_car[0][3], car.world_from_car[1][3]);
