@@ -1,5 +1,6 @@
 """Tests of the Python package, on a finished run of tests/data/lot.mp4 in the folder ROADPLANE_RUN."""
 
+import dataclasses
 import json
 import os
 import shutil
@@ -17,7 +18,7 @@ from polars.testing import assert_frame_equal
 from rerun.experimental import RrdReader
 
 import roadplane
-from roadplane import Camera, View
+from roadplane import Camera, SecondPlane, View
 
 TOP = Path(__file__).parents[2]
 FIXTURE = TOP / "tests/data/geometry.json"
@@ -52,6 +53,20 @@ class Geometry(unittest.TestCase):
         clicked = [c.ground_from_pixel(pixels + random.normal(0, 1.5, pixels.shape)) for c in others]
         np.testing.assert_allclose(np.std(clicked, axis=0), camera.ground_from_pixel_sd(pixels, 1.5), rtol=0.08)
         np.testing.assert_allclose(np.std([c.project(points) for c in others], axis=0), camera.project_sd(points), rtol=0.08)
+
+    def test_points_are_on_the_second_plane(self) -> None:
+        first = np.array([np.log(1400), 0.25, 0.02, np.log(8)])
+        second = SecondPlane(np.array([np.log(1400), 0.32, 0.02, np.log(9.5)]), np.diag([0, 0, 0, 1e-4]), True)
+        camera = Camera((0, 9), (1280, 720), (639.5, 359.5), first, np.diag([0, 0, 0, 1e-6]), "estimated")
+        folded = dataclasses.replace(camera, second_plane=second)
+        ground = np.array([[x, y] for x in (-6.0, 0.0, 5.0) for y in (12.0, 18.0, 60.0, 90.0)])
+        pixels = folded.project(ground)
+        np.testing.assert_allclose(folded.ground_from_pixel(pixels), ground, atol=1e-6)
+        # Near points are on the first plane. Far ones are higher, so that their pixels are higher, too.
+        higher = camera.project(ground)[:, 1] - pixels[:, 1] > 1
+        self.assertEqual(list(higher), [False, False, True, True] * 3)
+        sds = folded.ground_from_pixel_sd(pixels)[:, 1] / ground[:, 1]
+        np.testing.assert_allclose(sds, np.where(higher, 1e-2, 1e-3), rtol=0.4)
 
     def test_points_outside_the_view_are_nan(self) -> None:
         case = json.loads(FIXTURE.read_text())["cases"][0]

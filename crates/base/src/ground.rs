@@ -214,7 +214,11 @@ mod tests {
             let pose = GroundPose { x_m: at.x, y_m: at.y, heading_rad: 0.4 };
             let on_plane = part.from_surface(&pose);
             let back = part.to_surface(&on_plane);
-            prop_assert!((back.x_m - pose.x_m).abs() + (back.heading_rad - 0.4).abs() < 1e-9);
+            prop_assert!((back.x_m - pose.x_m).hypot(back.y_m - pose.y_m) + (back.heading_rad - 0.4).abs() < 1e-9);
+            // A point of the fold is the same point of the world on either plane.
+            let of_fold = part.from_surface(&GroundPose { x_m: fold.x, y_m: fold.y, heading_rad: 0.4 });
+            let in_world = part.world_from_plane * Point3::new(of_fold.x_m, of_fold.y_m, 0.0);
+            prop_assert!((in_world.coords - fold.push(0.0)).norm() < 1e-6, "{in_world}");
             // The road goes up from the fold, by its length times the slope.
             let world = part.world_from_plane * Point3::new(on_plane.x_m, on_plane.y_m, 0.0);
             let horizontal = fold + across * (beyond * slope.cos());

@@ -14,6 +14,7 @@
 //!
 //! # Contents
 //! - the camera: [`Camera`], [`Lens`], [`GroundPlane`], [`CameraParams`], and its prior ([`CameraPrior`])
+//! - the ground: one plane or two ([`Ground`]), with coordinates on the unfolded surface for tracks
 //! - evidence on the camera: the information from cars, which can be summed over frames ([`JointInformation`])
 //! - cars: [`ShapeAtlas`], [`GroundPose`], the 36 keypoints ([`KeypointSet`]), boxes (`bbox_…`), [`Activity`]
 //! - records that stages exchange and files store: `records/`, [`CameraEvidence`], [`SceneLine`]

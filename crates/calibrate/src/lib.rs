@@ -12,6 +12,7 @@
 //!                               └─ ViewSelector    takes one view of a parked car, several of a moving one
 //!             → Window { views, … } → (joint solve of the window, in another crate) → WindowEstimate
 //!             → fuse → one CameraEstimate per interval
+//! GroundView → GroundEvidence → Fold → Window::divided    two planes, where the slope of the road changes
 //! SceneLine → Cues → Factor → fuse                focal length from vertical lines
 //! Registration → PlacesBuilder → Turns → Cues → Factor → fuse   focal length from turns and zooms
 //! user constraints → Factor → fuse

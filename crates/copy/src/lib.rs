@@ -27,6 +27,7 @@ mod wheels;
 
 use std::path::Path;
 
+use roadplane_base::CameraEstimate;
 use roadplane_write::{WriteError, write_camera, write_json};
 
 pub use mesh::{CarMesh, Part, Triangle};
@@ -47,6 +48,7 @@ pub fn write_scene(scene: &Scene, folder: &Path) -> Result<(), WriteError> {
     }
     opendrive::document(scene).write(&folder.join("road.xodr"))?;
     openscenario::document(scene).write(&folder.join("scenario.xosc"))?;
-    write_camera(&folder.join("camera.json"), &[scene.camera.estimate()], scene.motion.clone())?;
+    let camera = CameraEstimate { second_plane: None, ..scene.camera.estimate() };
+    write_camera(&folder.join("camera.json"), &[camera], scene.motion.clone())?;
     write_json(&folder.join("scene.json"), scene)
 }

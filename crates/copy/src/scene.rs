@@ -81,6 +81,12 @@ pub struct Vehicle {
 }
 
 impl Scene {
+    /// Whether vehicles of a second plane of the ground are on the first one here.
+    #[must_use]
+    pub fn is_flattened(&self) -> bool {
+        self.camera.ground.len() > 1
+    }
+
     /// Returns the scene of a run. If the camera was moved, it is the scene of the longest segment between camera
     /// moves.
     ///

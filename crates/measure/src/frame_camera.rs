@@ -19,7 +19,7 @@ impl From<&CameraEstimate> for FrameCamera {
 }
 
 impl FrameCamera {
-    /// Returns the plane of the ground on which a box in the picture stands.
+    /// Returns the plane of the ground below the vehicle in a box.
     #[must_use]
     pub fn part_of_box(&self, bbox_px: &[f64; 4]) -> GroundPart {
         self.ground.part_of_ray(&self.camera.ray_from_pixel(&bbox_foot(bbox_px)))

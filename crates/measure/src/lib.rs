@@ -4,7 +4,7 @@
 //!
 //! # Contents
 //! ```text
-//! frame_camera.rs    camera and ground plane of a frame
+//! frame_camera.rs    camera of a frame, and the ground below it
 //! body.rs            sizes of vehicles by class
 //! outline.rs         the projected outline of a body: its box in the picture
 //! edge.rs            an edge of a box: the body's own, or something hides the body there

@@ -137,7 +137,7 @@ pub struct CameraSegment {
     pub ground: Vec<GroundPlaneFile>,
 }
 
-/// A plane of the ground. Its numbers are those of the segment, for this plane.
+/// A plane of the ground. The numbers are as in the segment, but relative to this plane.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct GroundPlaneFile {
     /// Part of the picture that shows the plane: a polygon of pixels without lens distortion.
@@ -477,6 +477,38 @@ mod tests {
             frames_used: 50,
             second_plane: None,
         }
+    }
+
+    #[test]
+    fn two_planes_survive() {
+        let dir = tempfile::tempdir().unwrap();
+        let path = dir.path().join("camera.json");
+        for (tilt, height_m, rises) in [(0.47f64, 12.1f64, true), (0.37, 9.4, false)] {
+            let one = estimate([0.0, 1.5]);
+            let params = CameraParams { tilt, log_height: height_m.ln(), ..one.params };
+            let covariance = one.covariance * 2.0;
+            let second_plane = Some(SecondPlane { params, covariance, rises });
+            let written = CameraEstimate { second_plane, ..one };
+            write_camera(&path, std::slice::from_ref(&written), Vec::new()).unwrap();
+            let camera = read_camera(&path).unwrap().camera;
+            let back = camera.estimate().second_plane.unwrap();
+            assert!((back.params.to_vector() - params.to_vector()).norm() < 1e-5 && back.rises == rises);
+            assert!((back.covariance - covariance).norm() < 1e-9);
+            let [first, second] = &camera.ground[..] else { panic!("{}", camera.ground.len()) };
+            assert_eq!((first.slope_rad, second.slope_rad > 0.0), (0.0, rises));
+            assert!((second.slope_rad.abs() - 0.05).abs() < 1e-3);
+            // The outlines share the picture: the first plane is below the second one.
+            let area = |outline: &[[f64; 2]]| {
+                let next = outline.iter().cycle().skip(1);
+                outline.iter().zip(next).map(|(a, b)| a[0] * b[1] - a[1] * b[0]).sum::<f64>() / 2.0
+            };
+            let areas = [area(&first.outline_px), area(&second.outline_px)];
+            assert!((areas[0] + areas[1] - 1920.0 * 1080.0).abs() < 100.0 && areas[0].min(areas[1]) > 1e5);
+            let lowest = |outline: &[[f64; 2]]| outline.iter().map(|at| at[1]).fold(0.0, f64::max);
+            assert!(lowest(&first.outline_px) > lowest(&second.outline_px));
+        }
+        let one = CameraSegment::new(&estimate([0.0, 1.5]));
+        assert!(one.ground.is_empty() && one.estimate().second_plane.is_none());
     }
 
     #[test]

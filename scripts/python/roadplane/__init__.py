@@ -10,7 +10,7 @@ The world frame is in metres: z up, origin on the ground under the camera, y the
 right. Pixel (0, 0) is the centre of the top-left pixel.
 """
 
-from roadplane.camera import Camera, View
+from roadplane.camera import Camera, SecondPlane, View
 from roadplane.run import Run, load
 
-__all__ = ["Camera", "Run", "View", "load"]
+__all__ = ["Camera", "Run", "SecondPlane", "View", "load"]

@@ -1,4 +1,4 @@
-"""A camera above the ground plane: projection, its inverse on the ground, and both with their uncertainties."""
+"""A camera above the ground: projection, its inverse on the ground, and both with their uncertainties."""
 
 from __future__ import annotations
 
@@ -19,9 +19,24 @@ _NEAREST_M = 1e-3
 _LEAST_DESCENT = 1e-9
 
 
+@dataclass(frozen=True, eq=False)
+class SecondPlane:
+    """The second plane of the ground, beyond a line at which the slope changes.
+
+    Attributes:
+        params: [4] as in `Camera`, above this plane.
+        covariance: [4, 4] of `params`.
+        rises: whether the ground lies above the first plane there.
+    """
+
+    params: Array
+    covariance: Array
+    rises: bool
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Camera:
-    """A camera with square pixels above a plane, during one time interval.
+    """A camera with square pixels above the ground, during one time interval.
 
     Attributes:
         span_s: first and last time of the interval, s.
@@ -34,8 +49,8 @@ class Camera:
         `bend`: radial distortion. Without it, a pixel at `p` from the principal point would be at
             `p / (1 + bend |p|² / (width / 2)²)`.
         `bend_sd`: standard deviation of `bend`; None if it was not estimated, and the lens has no distortion here.
-        `second_plane`: where the ground is two planes, the parameters above the second one, and whether the ground rises
-            there. Positions on it are x and y in the world, as seen from above.
+        `second_plane`: the second plane of the ground; None if the ground is one plane. Positions on it are x and y in
+            the world, as seen from above.
     """
 
     span_s: tuple[float, float]
@@ -46,7 +61,7 @@ class Camera:
     status: str
     bend: float = 0.0
     bend_sd: float | None = None
-    second_plane: tuple[Array, bool] | None = None
+    second_plane: SecondPlane | None = None
 
     def __repr__(self) -> str:
         """Returns the camera's main parameters in one line."""
@@ -58,9 +73,6 @@ class Camera:
     @classmethod
     def from_json(cls, segment: Mapping[str, Any]) -> Camera:
         """Reads one of the `segments` of `camera.json`."""
-        covariance = np.array([[np.nan if v is None else v for v in row] for row in segment["covariance"]], dtype=float)
-        unknown = np.isnan(covariance)
-        covariance[unknown] = np.where(np.eye(4)[unknown] > 0, np.inf, 0.0)
         lens = segment.get("lens") or {"bend": 0.0, "bend_sd": None}
         params = [np.log(segment["focal_px"]), segment["tilt_rad"], segment["roll_rad"], np.log(segment["height_m"])]
         return cls(
@@ -68,7 +80,7 @@ class Camera:
             image_size_px=(segment["image_size_px"][0], segment["image_size_px"][1]),
             principal_point_px=(segment["principal_point_px"][0], segment["principal_point_px"][1]),
             params=np.array(params),
-            covariance=covariance,
+            covariance=_covariance(segment["covariance"]),
             status=segment["status"],
             bend=lens["bend"],
             bend_sd=lens["bend_sd"],
@@ -124,7 +136,7 @@ class Camera:
         Returns:
             [..., 2] px; NaN for points at or behind the camera.
         """
-        return self._project(self.params, _points(points))
+        return self._project(self.params, self._points(points))
 
     def project_sd(self, points: npt.ArrayLike) -> Array:
         """Returns the standard deviations of `project` due to the camera's uncertainty, to first order.
@@ -135,8 +147,8 @@ class Camera:
         Returns:
             [..., 2] px; infinite if the camera is unknown.
         """
-        where = _points(points)
-        return _sds(self._by_camera(lambda params: self._project(params, where)), self.covariance)
+        where = self._points(points)
+        return _sds(_by_camera(lambda params: self._project(params, where), self.params), self.covariance)
 
     def ground_from_pixel(self, pixels: npt.ArrayLike) -> Array:
         """Intersects the viewing rays of pixels with the ground.
@@ -160,7 +172,11 @@ class Camera:
             [..., 2] m; infinite if the camera is unknown.
         """
         where = np.asarray(pixels, dtype=float)
-        variance = _sds(self._by_camera(lambda params: self._ground(params, where)), self.covariance) ** 2
+        variance = _sds(_by_camera(lambda params: self._ground(params, where), self.params), self.covariance) ** 2
+        if self.second_plane is not None:
+            second, covariance = self.second_plane.params, self.second_plane.covariance
+            on_second = _sds(_by_camera(lambda params: self._on_second(params, where), second), covariance) ** 2
+            variance = np.where(self._is_beyond(self.params, where), on_second, variance)
         for axis in np.eye(2) * _STEP_PX:
             by_pixel = (self._ground(self.params, where + axis) - self._ground(self.params, where - axis)) / (2 * _STEP_PX)
             variance = variance + (by_pixel * pixel_sd) ** 2
@@ -194,22 +210,44 @@ class Camera:
         return self.distorted(self.principal_point_px + np.exp(params[0]) / before * in_camera[..., :2])
 
     def _ground(self, params: Array, pixels: Array) -> Array:
+        rays = self._rays(params, pixels)
+        on_first = _where_met(rays, params, params)
+        if self.second_plane is None:
+            return on_first
+        return np.where(self._is_beyond(params, pixels), self._on_second(self.second_plane.params, pixels), on_first)
+
+    def _on_second(self, second: Array, pixels: Array) -> Array:
+        return _where_met(self._rays(second, pixels), second, self.params)
+
+    def _is_beyond(self, params: Array, pixels: Array) -> npt.NDArray[np.bool_]:
+        """Returns whether [..., 1] pixels show the second plane."""
+        rays = self._rays(params, pixels)
+        if self.second_plane is None:
+            return np.zeros(rays.shape[:-1] + (1,), dtype=bool)
+        is_nearer = _nearness(self.second_plane.params, rays) > _nearness(params, rays)
+        return np.asarray(is_nearer == self.second_plane.rises)
+
+    def _rays(self, params: Array, pixels: Array) -> Array:
+        """Returns the viewing rays [..., 3] of pixels in the camera's frame."""
         slopes = (self.undistorted(pixels) - np.asarray(self.principal_point_px)) / np.exp(params[0])
-        in_camera = np.concatenate([slopes, np.ones_like(slopes[..., :1])], axis=-1)
-        rays, nearness = in_camera @ _camera_from_world(params), _nearness(params, in_camera)
+        return np.concatenate([slopes, np.ones_like(slopes[..., :1])], axis=-1)
+
+    def _points(self, points: npt.ArrayLike) -> Array:
+        """Returns points [..., 3] in the world; points without z are on the ground."""
+        array = np.asarray(points, dtype=float)
+        if array.shape[-1] != 2:
+            return array
+        z = np.zeros_like(array[..., :1])
         if self.second_plane is not None:
-            second, rises = self.second_plane
-            beyond = _nearness(second, in_camera)
-            nearness = np.where((beyond > nearness) == rises, beyond, nearness)
-        return np.asarray(rays[..., :2] / np.where(nearness > _LEAST_DESCENT / np.exp(params[3]), nearness, np.nan))
+            up = _camera_from_world(self.second_plane.params)[:, 2]
+            motion = self.camera_from_world()
+            in_camera = np.concatenate([array, z], axis=-1) @ motion[:3, :3].T + motion[:3, 3]
+            above = (in_camera @ up)[..., None] + np.exp(self.second_plane.params[3])
+            z = np.where((above < 0) == self.second_plane.rises, -above / (up @ motion[:3, 2]), z)
+        return np.concatenate([array, z], axis=-1)
 
     def _per_px2(self) -> float:
         return self.bend / (self.image_size_px[0] / 2) ** 2
-
-    def _by_camera(self, of: Callable[[Array], Array]) -> Array:
-        """Returns the [..., 4] derivatives of a function of the camera's parameters, by central differences."""
-        steps = np.eye(4) * _STEP
-        return np.stack([(of(self.params + step) - of(self.params - step)) / (2 * _STEP) for step in steps], axis=-1)
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,18 +292,38 @@ class View:
         return growth, left @ right
 
 
+def _by_camera(of: Callable[[Array], Array], params: Array) -> Array:
+    """Returns the [..., 4] derivatives of a function of the camera's parameters, by central differences."""
+    steps = np.eye(4) * _STEP
+    return np.stack([(of(params + step) - of(params - step)) / (2 * _STEP) for step in steps], axis=-1)
+
+
 def _nearness(params: Array, rays: Array) -> Array:
-    """Returns one over the lengths [..., 1] at which rays in the camera's frame meet a plane; negative above its horizon."""
+    """Returns one over the factors [..., 1] by which rays meet a plane; negative above its horizon."""
     return np.asarray(-(rays @ _camera_from_world(params)[:, 2:]) / np.exp(params[3]))
 
 
-def _second_plane(segment: Mapping[str, Any]) -> tuple[Array, bool] | None:
-    """Returns the camera's parameters above the second plane, and whether the ground rises there."""
+def _where_met(rays: Array, params: Array, world: Array) -> Array:
+    """Returns x and y [..., 2] at which rays meet a plane, in the world of the camera's parameters `world`, m."""
+    nearness = _nearness(params, rays)
+    meets = nearness > _LEAST_DESCENT / np.exp(params[3])
+    return np.asarray((rays @ _camera_from_world(world))[..., :2] / np.where(meets, nearness, np.nan))
+
+
+def _second_plane(segment: Mapping[str, Any]) -> SecondPlane | None:
     if len(segment.get("ground", [])) < 2:
         return None
     plane = segment["ground"][1]
     params = [np.log(segment["focal_px"]), plane["tilt_rad"], plane["roll_rad"], np.log(plane["height_m"])]
-    return np.array(params), plane["slope_rad"] > 0
+    return SecondPlane(np.array(params), _covariance(plane["covariance"]), plane["slope_rad"] > 0)
+
+
+def _covariance(entries: list[list[float | None]]) -> Array:
+    """Returns a covariance of `camera.json`; unknown parameters have infinite variances."""
+    covariance = np.array([[np.nan if v is None else v for v in row] for row in entries], dtype=float)
+    unknown = np.isnan(covariance)
+    covariance[unknown] = np.where(np.eye(4)[unknown] > 0, np.inf, 0.0)
+    return covariance
 
 
 def _square(pixels: Array) -> Array:
@@ -281,11 +339,6 @@ def _camera_from_world(params: Array) -> Array:
     level = axis - up * (up @ axis)
     forward = level / np.linalg.norm(level)
     return np.column_stack([np.cross(forward, up), forward, up])
-
-
-def _points(points: npt.ArrayLike) -> Array:
-    array = np.asarray(points, dtype=float)
-    return np.concatenate([array, np.zeros_like(array[..., :1])], axis=-1) if array.shape[-1] == 2 else array
 
 
 def _sds(derivatives: Array, covariance: Array) -> Array:

@@ -66,6 +66,7 @@ class Run:
 
         - `frame`, `time_s`, `track`, `segment`, `class`, `score`.
         - On the ground: `x_m`, `y_m`, `heading_rad` (0 along +x, counter-clockwise), `speed_mps` (negative in reverse).
+        - `ground`, `z_m`: number of the plane of the ground, and the height above the first plane; 0 if there is one.
         - Their standard deviations: `x_sd_m`, `y_sd_m`, `heading_sd_rad`, `speed_sd_mps`. `x_own_sd_m` and
           `y_own_sd_m` are the part that this track does not share with others.
         - `length_m`, `width_m`, `height_m`, and the box `bbox_x0_px`, `bbox_y0_px`, `bbox_x1_px`, `bbox_y1_px`.

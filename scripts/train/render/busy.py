@@ -206,7 +206,10 @@ def make(out: Path, options: argparse.Namespace) -> None:
             renderer = renderer or Renderer(shadow_size=4096)
             film(renderer, rng, folder / media, [camera] * len(frames), site, vehicles, weather, options.fps)
         meshes: dict[int, CarMesh] = {i: vehicle.mesh for i, vehicle in enumerate(vehicles)}
-        record = item_record(media, options.fps, {"layout": "junction", "weather": weather}, camera, meshes, frames)
+        conditions = {"layout": "junction", "weather": weather}
+        if options.rise:
+            conditions |= {"rise": f"{options.rise:g}", "rise_from_m": f"{options.rise_from_m:g}"}
+        record = item_record(media, options.fps, conditions, camera, meshes, frames)
         write_json(folder / f"{stem}{TRUTH}", record)
         seen = sum(map(len, frames)) / len(frames)
         print(f"{stem}: {len(record['models'])} vehicles, {seen:.0f} visible at a time", flush=True)
@@ -225,7 +228,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=6)
     parser.add_argument("--pixels", action="store_true", help="renders the videos, too")
     parser.add_argument("--rise", type=float, default=0.0, metavar="SLOPE", help="change of the road's slope, such as 0.06")
-    parser.add_argument("--rise-from-m", type=float, default=45.0, metavar="M", help="distance at which it changes")
+    parser.add_argument("--rise-from-m", type=float, default=45.0, metavar="M", help="world y at which it changes, m")
     options = parser.parse_args()
     if options.rise and options.pixels:
         parser.error("--rise has no pictures: leave out --pixels")

@@ -24,6 +24,9 @@ pub fn copy(args: &CopyArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     if run.segments.len() > 1 {
         tracing::warn!("the camera was moved: only the longest segment is copied: {}", scene.name);
     }
+    if scene.is_flattened() {
+        tracing::warn!("the ground is two planes, but the copy is flat: {}", scene.name);
+    }
     let (parent, name) = split(&args.out)?;
     let existing = if args.overwrite { Existing::Overwrite } else { Existing::Refuse };
     let _lock = FolderLock::acquire(&parent).map_err(PipelineError::from)?;

@@ -77,7 +77,7 @@ pub(crate) struct CameraInputs<'a> {
     pub recall: Option<&'a CameraHistory>,
     /// How the picture of the empty scene lies on the picture of an earlier frame.
     pub scene: Option<&'a Registration>,
-    /// Whether the ground may be two planes. With surveyed points it is the plane of these points.
+    /// Whether the ground may be two planes. Surveyed points require one plane.
     pub may_fold: bool,
     /// The configuration.
     pub config: &'a Config,
@@ -227,7 +227,7 @@ impl CameraInputs<'_> {
     }
 }
 
-/// The solved windows of a clip, and what its frames show besides.
+/// The solved windows of a clip, with the size, times and scene lines of its frames.
 struct ClipWindows {
     windows: Vec<WindowEstimate>,
     /// Parked vehicles of all windows.

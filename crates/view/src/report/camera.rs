@@ -42,7 +42,7 @@ pub(super) fn cameras(page: &mut String, cameras: &[CameraEstimate]) {
         put(
             page,
             format_args!(
-                "<p>The ground is two planes. Where the second one begins, it {verb} by {percent:.1} %.</p>\n"
+                "<p>The ground is two planes: beyond a line, it {verb} by {percent:.1} % relative to the first plane.</p>\n"
             ),
         );
     }
