@@ -148,7 +148,7 @@ impl TrackRow {
         GroundPose { x_m: self.x_m, y_m: self.y_m, heading_rad: self.heading_rad }
     }
 
-    /// Returns the rigid motion from the vehicle's frame to the world frame, m. The vehicle is upright on any plane.
+    /// Returns the rigid motion from the vehicle's frame to the world frame, m. The vehicle is vertical on any plane.
     #[must_use]
     pub fn world_from_car(&self) -> Isometry3<f64> {
         Translation3::new(0.0, 0.0, self.z_m) * self.pose().world_from_car()
