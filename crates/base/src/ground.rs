@@ -12,13 +12,13 @@ use crate::{Camera, GroundPlane, GroundPose, wrap_angle};
 /// continue on the second plane as if the ground were unfolded. Distances and speeds on the surface are true ones.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ground {
-    near: GroundPlane,
-    far: Option<FarPlane>,
+    first_plane: GroundPlane,
+    second: Option<Second>,
 }
 
 /// The plane of the ground beyond the fold.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct FarPlane {
+struct Second {
     plane: GroundPlane,
     /// From the world frame of this plane alone to coordinates on the surface.
     surface_from_plane: Isometry2<f64>,
@@ -43,60 +43,60 @@ impl Ground {
     /// Returns a ground of one plane.
     #[must_use]
     pub fn plane(plane: GroundPlane) -> Self {
-        Self { near: plane, far: None }
+        Self { first_plane: plane, second: None }
     }
 
     /// Returns a ground of two planes. `rises`: whether the ground lies above the first plane beyond the fold.
     ///
     /// Returns `None` if the planes are parallel.
     #[must_use]
-    pub fn folded(near: GroundPlane, far: GroundPlane, rises: bool) -> Option<Self> {
-        let along = near.normal_in_camera.cross(&far.normal_in_camera).try_normalize(1e-6)?;
+    pub fn folded(first: GroundPlane, second: GroundPlane, rises: bool) -> Option<Self> {
+        let along = first.normal_in_camera.cross(&second.normal_in_camera).try_normalize(1e-6)?;
         // A point of both planes, and on the plane through the camera across the fold.
         let rows = Matrix3::from_rows(&[
-            near.normal_in_camera.transpose(),
-            far.normal_in_camera.transpose(),
+            first.normal_in_camera.transpose(),
+            second.normal_in_camera.transpose(),
             along.transpose(),
         ]);
-        let point = rows.try_inverse()? * -Vector3::new(near.height_m, far.height_m, 0.0);
+        let point = rows.try_inverse()? * -Vector3::new(first.height_m, second.height_m, 0.0);
         let line_in = |plane: &GroundPlane| {
             let world_from_camera = plane.camera_from_world().inverse();
             ((world_from_camera * Point3::from(point)).coords.xy(), (world_from_camera * along).xy())
         };
-        let ((at, direction), (at_far, direction_far)) = (line_in(&near), line_in(&far));
-        let turn = UnitComplex::rotation_between(&direction_far, &direction);
-        let surface_from_plane = Isometry2::from_parts((at - turn * at_far).into(), turn);
-        Some(Self { near, far: Some(FarPlane { plane: far, surface_from_plane, rises }) })
+        let ((at, direction), (at_second, direction_second)) = (line_in(&first), line_in(&second));
+        let turn = UnitComplex::rotation_between(&direction_second, &direction);
+        let surface_from_plane = Isometry2::from_parts((at - turn * at_second).into(), turn);
+        Some(Self { first_plane: first, second: Some(Second { plane: second, surface_from_plane, rises }) })
     }
 
     /// Returns the planes, the first one first.
     pub fn parts(&self) -> impl Iterator<Item = GroundPart> + '_ {
-        std::iter::once(self.first()).chain(self.far.iter().map(|far| self.second(far)))
+        std::iter::once(self.first()).chain(self.second.iter().map(|second| self.second_part(second)))
     }
 
     /// Returns the plane that a ray from the camera meets.
     #[must_use]
     pub fn part_of_ray(&self, ray: &Vector3<f64>) -> GroundPart {
-        let far = self.far.as_ref().filter(|_| self.beyond(ray) > 0.0);
-        far.map_or_else(|| self.first(), |far| self.second(far))
+        let second = self.second.as_ref().filter(|_| self.beyond(ray) > 0.0);
+        second.map_or_else(|| self.first(), |second| self.second_part(second))
     }
 
     /// Returns a number that is positive where a ray from the camera meets the second plane. It is linear in the ray.
     #[must_use]
     pub fn beyond(&self, ray: &Vector3<f64>) -> f64 {
-        let Some(far) = &self.far else { return -1.0 };
-        let nearer = far.plane.inverse_distance(ray) - self.near.inverse_distance(ray);
-        if far.rises { nearer } else { -nearer }
+        let Some(second) = &self.second else { return -1.0 };
+        let nearer = second.plane.inverse_distance(ray) - self.first_plane.inverse_distance(ray);
+        if second.rises { nearer } else { -nearer }
     }
 
     /// Returns the plane at a position on the surface, m.
     #[must_use]
     pub fn part_at(&self, x_m: f64, y_m: f64) -> GroundPart {
-        let is_beyond = |far: &&FarPlane| {
-            let at = self.near.camera_from_world() * Point3::new(x_m, y_m, 0.0);
-            (far.plane.height_of(&at.coords) < 0.0) == far.rises
+        let is_beyond = |second: &&Second| {
+            let at = self.first_plane.camera_from_world() * Point3::new(x_m, y_m, 0.0);
+            (second.plane.height_of(&at.coords) < 0.0) == second.rises
         };
-        self.far.as_ref().filter(is_beyond).map_or_else(|| self.first(), |far| self.second(far))
+        self.second.as_ref().filter(is_beyond).map_or_else(|| self.first(), |second| self.second_part(second))
     }
 
     /// Returns the point at which the viewing ray of a pixel meets the ground, in the world frame, m.
@@ -117,8 +117,9 @@ impl Ground {
         if part.index == 0 {
             return 0.0;
         }
-        let at = self.near.camera_from_world() * Point3::new(x_m, y_m, 0.0);
-        -part.plane.height_of(&at.coords) / part.plane.normal_in_camera.dot(&self.near.normal_in_camera)
+        let at = self.first_plane.camera_from_world() * Point3::new(x_m, y_m, 0.0);
+        -part.plane.height_of(&at.coords)
+            / part.plane.normal_in_camera.dot(&self.first_plane.normal_in_camera)
     }
 
     /// Returns the first plane, which defines the world frame.
@@ -126,18 +127,19 @@ impl Ground {
     pub fn first(&self) -> GroundPart {
         GroundPart {
             index: 0,
-            plane: self.near,
+            plane: self.first_plane,
             surface_from_plane: Isometry2::identity(),
             world_from_plane: Isometry3::identity(),
         }
     }
 
-    fn second(&self, far: &FarPlane) -> GroundPart {
+    fn second_part(&self, second: &Second) -> GroundPart {
         GroundPart {
             index: 1,
-            plane: far.plane,
-            surface_from_plane: far.surface_from_plane,
-            world_from_plane: self.near.camera_from_world().inverse() * far.plane.camera_from_world(),
+            plane: second.plane,
+            surface_from_plane: second.surface_from_plane,
+            world_from_plane: self.first_plane.camera_from_world().inverse()
+                * second.plane.camera_from_world(),
         }
     }
 }
@@ -190,14 +192,14 @@ mod tests {
 
     /// Returns a ground that rises by `slope` (rad) beyond the line y = `fold_m`, which is turned by `turn` (rad).
     fn folded(slope: f64, fold_m: f64, turn: f64) -> Ground {
-        let near = GroundPlane::from_tilt_roll_height(0.25, 0.02, 8.0);
+        let first = GroundPlane::from_tilt_roll_height(0.25, 0.02, 8.0);
         let across = Vector3::new(-turn.sin(), turn.cos(), 0.0);
         let up = Vector3::z() * slope.cos() - across * slope.sin();
-        let rotation = near.camera_from_world().rotation;
+        let rotation = first.camera_from_world().rotation;
         // The distance of the camera's centre (0, 0, 8) from the plane through the fold.
         let height_m = up.dot(&(Vector3::new(0.0, 0.0, 8.0) - across * fold_m));
-        let far = GroundPlane { normal_in_camera: rotation * up, height_m };
-        Ground::folded(near, far, slope > 0.0).unwrap()
+        let second = GroundPlane { normal_in_camera: rotation * up, height_m };
+        Ground::folded(first, second, slope > 0.0).unwrap()
     }
 
     proptest! {

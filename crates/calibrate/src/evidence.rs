@@ -29,9 +29,9 @@ impl Window {
     #[must_use]
     pub fn divided(self, fold: &Fold, foot_px: impl Fn(&[f64; 4]) -> Vector2<f64>) -> [Self; 2] {
         let (beyond, here) = self.views.into_iter().partition(|view| fold.is_beyond(&foot_px(&view.bbox_px)));
-        let (segment, start) = (self.segment + 1, SegmentStart::SecondPlane);
-        let second = Self { views: beyond, segment, start, ..self };
-        [Self { views: here, segment: self.segment, start: self.start, ..second.clone() }, second]
+        let Self { span_s, frames, segment, start, steady, .. } = self;
+        [(here, segment, start), (beyond, segment + 1, SegmentStart::SecondPlane)]
+            .map(|(views, segment, start)| Self { span_s, frames, views, segment, start, steady })
     }
 }
 

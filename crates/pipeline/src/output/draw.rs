@@ -44,7 +44,7 @@ pub(crate) struct Drawn<'a> {
 pub(crate) struct Scene<'a, R: Iterator<Item = Result<TrackRow, PipelineError>>> {
     result: Drawn<'a>,
     atlas: &'a ShapeAtlas,
-    ground: Ground,
+    cells: Cells,
     coming: Peekable<R>,
     /// Rows of the last [`TRAIL_S`] seconds before the current frame.
     recent: VecDeque<TrackRow>,
@@ -52,24 +52,24 @@ pub(crate) struct Scene<'a, R: Iterator<Item = Result<TrackRow, PipelineError>>>
 
 /// Grid cells of the ground where vehicles were, by the number of the camera segment. A segment is an interval in which
 /// the camera is constant.
-pub(crate) type Ground = BTreeMap<usize, GroundCells>;
+pub(crate) type Cells = BTreeMap<usize, GroundCells>;
 
 /// Returns the grid cells of the ground where vehicles were during a run.
-pub(crate) fn ground_of(
+pub(crate) fn cells_of(
     rows: impl Iterator<Item = Result<TrackRow, PipelineError>>,
-) -> Result<Ground, PipelineError> {
-    let mut ground = Ground::new();
+) -> Result<Cells, PipelineError> {
+    let mut cells = Cells::new();
     for row in rows {
         let row = row?;
-        ground.entry(row.segment).or_default().add(row.x_m, row.y_m);
+        cells.entry(row.segment).or_default().add(row.x_m, row.y_m);
     }
-    Ok(ground)
+    Ok(cells)
 }
 
 impl<'a, R: Iterator<Item = Result<TrackRow, PipelineError>>> Scene<'a, R> {
     /// Creates a scene from the rows of a clip and the shapes of its tracks.
-    pub(crate) fn new(result: Drawn<'a>, rows: R, ground: Ground, atlas: &'a ShapeAtlas) -> Self {
-        Self { result, atlas, ground, coming: rows.peekable(), recent: VecDeque::new() }
+    pub(crate) fn new(result: Drawn<'a>, rows: R, cells: Cells, atlas: &'a ShapeAtlas) -> Self {
+        Self { result, atlas, cells, coming: rows.peekable(), recent: VecDeque::new() }
     }
 
     /// Returns a copy of a frame's picture with all drawings. Frames must be drawn in their order.
@@ -98,8 +98,8 @@ impl<'a, R: Iterator<Item = Result<TrackRow, PipelineError>>> Scene<'a, R> {
         if let Some(picture_from_world) = views.of(frame) {
             overlay = overlay.displaced(picture_from_world);
         }
-        if let Some(ground) = self.ground.get(&cameras.segment_at(time_s)) {
-            overlay.grid(ground)?;
+        if let Some(cells) = self.cells.get(&cameras.segment_at(time_s)) {
+            overlay.grid(cells)?;
         }
         let mut trails: BTreeMap<u64, Vec<[f64; 2]>> = BTreeMap::new();
         for row in &self.recent {
@@ -146,7 +146,7 @@ pub(crate) fn write_report(
     let &ReportParts { traffic, samples, stills, background, is_thinned } = seen;
     let rows = || solution.rows.iter().cloned().map(Ok);
     let result = Drawn { cameras: &solution.cameras, views: &solution.views, shapes: &solution.shapes };
-    let mut scene = Scene::new(result, rows(), ground_of(rows())?, atlas);
+    let mut scene = Scene::new(result, rows(), cells_of(rows())?, atlas);
     let drawn: Vec<(u64, RgbImage)> = samples
         .iter()
         .map(|(frame, time_s, picture)| Ok((*frame, scene.draw(*frame, *time_s, picture)?)))
@@ -273,7 +273,7 @@ pub(crate) fn draw_video(
         Ok(read_jsonl::<TrackRow>(&run.join("tracks.jsonl"))?.map(|row| Ok(row?)))
     };
     let atlas = ShapeAtlas::shipped()?;
-    let mut scene = Scene::new(result, rows()?, ground_of(rows()?)?, &atlas);
+    let mut scene = Scene::new(result, rows()?, cells_of(rows()?)?, &atlas);
     let input = open_input(input, config)?;
     let size = input.size();
     let frames_per_s = input.nominal_fps() / f64::from(config.decode.stride.max(1));
@@ -364,12 +364,12 @@ mod tests {
             ..stationary_row(1, frame, frame as f64 / 10.0)
         };
         let rows: Vec<TrackRow> = (0..600).map(row).collect();
-        let ground = || ground_of(rows.iter().cloned().map(Ok)).unwrap();
+        let cells = || cells_of(rows.iter().cloned().map(Ok)).unwrap();
         let (atlas, shapes, views) = (ShapeAtlas::shipped().unwrap(), BTreeMap::new(), Views::default());
         let cameras = CameraTrack { estimates: vec![estimate([0.01; 4])], ..CameraTrack::default() };
         let scene = |from: usize| {
             let rows = rows[from..].iter().cloned().map(Ok);
-            Scene::new(Drawn { cameras: &cameras, views: &views, shapes: &shapes }, rows, ground(), &atlas)
+            Scene::new(Drawn { cameras: &cameras, views: &views, shapes: &shapes }, rows, cells(), &atlas)
         };
         let empty = RgbImage::new(1280, 720);
         let (mut whole, mut last) = (scene(0), empty.clone());

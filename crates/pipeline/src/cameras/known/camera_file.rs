@@ -70,6 +70,12 @@ fn ours(path: &Path) -> Result<CameraOfFile, WriteError> {
             "this camera could not be estimated, so the file has no information",
         ));
     }
+    if camera.ground.len() > 1 {
+        tracing::warn!(
+            "the ground of the camera file is two planes, and the first one is used: {}",
+            path.display()
+        );
+    }
     let estimate = camera.estimate();
     let population = POPULATION_LOG_SD * POPULATION_LOG_SD;
     // The numbers of the file are rounded.
