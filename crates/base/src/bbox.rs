@@ -9,6 +9,12 @@ pub fn bbox_centre(bbox_px: &[f64; 4]) -> Vector2<f64> {
     Vector2::new((x0 + x1) / 2.0, (y0 + y1) / 2.0)
 }
 
+/// Returns the longer side of a box, px.
+#[must_use]
+pub fn bbox_longer_side([x0, y0, x1, y1]: &[f64; 4]) -> f64 {
+    (x1 - x0).max(y1 - y0)
+}
+
 /// Returns the middle of a box's lower edge, px. There a vehicle meets the ground.
 #[must_use]
 pub fn bbox_foot(bbox_px: &[f64; 4]) -> Vector2<f64> {

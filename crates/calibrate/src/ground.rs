@@ -6,13 +6,14 @@
 //! numbers beyond the line is φ d(ℓ), with one unknown angle φ.
 //!
 //! A car that is smaller than estimated seems farther away, like a car on a lower plane. So each car has an unknown
-//! log size, too, which all its views in a window share. Planes and sizes are eliminated, and the evidence on φ remains. The angle
-//! has the prior of a road's slope. The density of the evidence over all lines, relative to φ = 0, decides whether the
-//! ground has a fold. All windows are then solved again, with one plane on either side of the line.
+//! log size, too, which all its views in a window share. The keypoint net also has errors that depend on a car's size in
+//! the picture. Planes, sizes and these errors are eliminated, and the evidence on φ remains. The angle has the prior of a
+//! road's slope. The density of the evidence over all lines, relative to φ = 0, decides whether the ground has a fold. All
+//! windows are then solved again, with one plane on either side of the line.
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use nalgebra::{Matrix3, Matrix3x6, Matrix6, Vector2, Vector3, Vector6};
+use nalgebra::{Cholesky, Matrix3, Matrix3x6, Matrix6, U3, Vector2, Vector3, Vector6};
 use roadplane_base::{CameraParams, StudentT, upper_median};
 
 use crate::{LinkId, VerticalVanishingPoint};
@@ -52,7 +53,7 @@ pub struct GroundView {
     pub link: LinkId,
     /// Whether the car was stationary.
     pub parked: bool,
-    /// The car's origin relative to the principal point, without lens distortion, px.
+    /// Middle of the box's lower edge, relative to the principal point, without lens distortion, px.
     pub foot_px: Vector2<f64>,
     /// Longer side of its box, px.
     pub side_px: f64,
@@ -104,6 +105,14 @@ fn is_beyond(line: &Vector3<f64>, point_px: &Vector2<f64>) -> bool {
     line.dot(&point_px.push(1.0)) > 0.0
 }
 
+/// A fold at a given line.
+#[derive(Clone, Copy)]
+struct Turn {
+    line: Vector3<f64>,
+    angle_rad: f64,
+    log_evidence: f64,
+}
+
 /// Collects the evidence of windows on the shape of the ground.
 #[derive(Default)]
 pub struct GroundEvidence {
@@ -130,17 +139,18 @@ impl GroundEvidence {
     pub fn fold(&self) -> Option<Fold> {
         let weights = self.weights();
         let lines = self.lines();
-        let folds: Vec<Fold> = lines.iter().filter_map(|line| self.at_line(line, &weights)).collect();
-        let best = folds.iter().copied().max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))?;
-        let shares = folds.iter().map(|fold| (fold.log_evidence - best.log_evidence).exp());
+        let turns: Vec<Turn> = lines.iter().filter_map(|line| self.at_line(line, &weights)).collect();
+        let best = turns.iter().copied().max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))?;
+        let shares = turns.iter().map(|turn| (turn.log_evidence - best.log_evidence).exp());
         let mean = shares.sum::<f64>() / lines.len() as f64;
-        let (beyond, here): (Vec<_>, Vec<_>) = self.feet().partition(|foot| best.is_beyond(foot));
+        let (beyond, here): (Vec<_>, Vec<_>) = self.feet().partition(|foot| is_beyond(&best.line, foot));
         let middle = |feet: &[Vector2<f64>]| feet.iter().sum::<Vector2<f64>>() / feet.len() as f64;
         let (line, middles_px) = match beyond.len() > here.len() {
             true => (-best.line, [middle(&beyond), middle(&here)]),
             false => (best.line, [middle(&here), middle(&beyond)]),
         };
-        Some(Fold { line, middles_px, log_evidence: best.log_evidence + mean.ln(), ..best })
+        let log_evidence = best.log_evidence + mean.ln();
+        Some(Fold { line, middles_px, angle_rad: best.angle_rad, log_evidence })
     }
 
     /// Returns the feet of all views, px.
@@ -186,7 +196,7 @@ impl GroundEvidence {
     }
 
     /// Returns the most likely fold at a line; `None` where the cars do not determine it.
-    fn at_line(&self, line: &Vector3<f64>, weights: &[Vec<f64>]) -> Option<Fold> {
+    fn at_line(&self, line: &Vector3<f64>, weights: &[Vec<f64>]) -> Option<Turn> {
         // The errors by size are those of all windows. The plane is one per window.
         let by_size = Vector2::from(BY_SIZE_SD).map(|sd| 1.0 / (sd * sd)).push(0.0);
         let (mut hessian, mut gradient) = (Matrix3::from_diagonal(&by_size), Vector3::zeros());
@@ -212,13 +222,7 @@ impl GroundEvidence {
         let steep = component(VerticalVanishingPoint::STEEP_SD, steep);
         let (likely, other) = if level.0 > steep.0 { (level, steep) } else { (steep, level) };
         let log_evidence = likely.0 + (other.0 - likely.0).exp().ln_1p();
-        let middles_px = [Vector2::zeros(); 2];
-        log_evidence.is_finite().then_some(Fold {
-            line: *line,
-            middles_px,
-            angle_rad: likely.1,
-            log_evidence,
-        })
+        log_evidence.is_finite().then_some(Turn { line: *line, angle_rad: likely.1, log_evidence })
     }
 }
 
@@ -276,8 +280,8 @@ impl Solved {
     /// Returns the squared distance of each view from the common plane, in its sds.
     fn squares(&self, weights: &[f64]) -> Option<Vec<f64>> {
         let (hessian, gradient) = self.equations(weights, |_| false, &Vector3::zeros());
-        let base = hessian.fixed_view::<3, 3>(0, 0) + Matrix3::identity() * LEAST_INFORMATION;
-        let plane = -base.cholesky()?.solve(&gradient.fixed_rows::<3>(0).into_owned());
+        let plane = -factor(&hessian.fixed_view::<3, 3>(0, 0).into_owned())?
+            .solve(&gradient.fixed_rows::<3>(0).into_owned());
         let mut sizes: BTreeMap<LinkId, (f64, f64)> = BTreeMap::new();
         for (view, weight) in self.views.iter().zip(weights) {
             let size = sizes.entry(view.link).or_insert((SIZE_SD.powi(-2), 0.0));
@@ -287,18 +291,21 @@ impl Solved {
         let square = |view: &GroundView| {
             let size = sizes.get(&view.link).map_or(0.0, |(information, slope)| slope / information);
             let slope = view.gradient + view.information * (plane - Vector3::z() * size);
-            let own = view.information + Matrix3::identity() * LEAST_INFORMATION;
-            own.cholesky().map_or(0.0, |own| slope.dot(&own.solve(&slope)))
+            factor(&view.information).map_or(0.0, |own| slope.dot(&own.solve(&slope)))
         };
         Some(self.views.iter().map(square).collect())
     }
 }
 
+/// Returns the factor of an information matrix of a plane's numbers, of which some may be unobserved.
+fn factor(plane: &Matrix3<f64>) -> Option<Cholesky<f64, U3>> {
+    (plane + Matrix3::identity() * LEAST_INFORMATION).cholesky()
+}
+
 /// Returns the normal equations of the errors by size and the fold, with the plane eliminated.
 fn without_plane((hessian, gradient): &Equations) -> Option<(Matrix3<f64>, Vector3<f64>)> {
-    let plane = hessian.fixed_view::<3, 3>(0, 0) + Matrix3::identity() * LEAST_INFORMATION;
     let cross = hessian.fixed_view::<3, 3>(0, 3).into_owned();
-    let solved = plane.cholesky()?.solve(&cross);
+    let solved = factor(&hessian.fixed_view::<3, 3>(0, 0).into_owned())?.solve(&cross);
     Some((
         hessian.fixed_view::<3, 3>(3, 3) - cross.transpose() * solved,
         gradient.fixed_rows::<3>(3) - solved.transpose() * gradient.fixed_rows::<3>(0),

@@ -6,7 +6,7 @@
 //! clips counts as one vehicle, and the prior counts once.
 
 use nalgebra::{Matrix4, Vector2, Vector4};
-use roadplane_base::{CameraEvidence, ParkedCar, bbox_iou};
+use roadplane_base::{CameraEvidence, ParkedCar, bbox_iou, bbox_longer_side};
 
 use crate::{CarIdentity, CarUse, FuseOptions, LinkId, SegmentStart, WindowEstimate, fuse};
 
@@ -71,7 +71,7 @@ pub fn same_vehicle(a: &ParkedCar, b: &ParkedCar) -> bool {
     let scale = if spread > 0.0 { along / spread } else { 1.0 };
     let off: f64 =
         common.iter().map(|(p, q)| ((q - mean_q) - (p - mean_p) * scale).norm_squared()).sum::<f64>() / count;
-    let side = (b.bbox_px[2] - b.bbox_px[0]).max(b.bbox_px[3] - b.bbox_px[1]);
+    let side = bbox_longer_side(&b.bbox_px);
     off.sqrt() <= SAME_SHAPE * side
 }
 

@@ -3,7 +3,7 @@
 //! Nets find keypoints in any object, and the solver fits a car to them.
 
 use nalgebra::{Isometry3, Point3};
-use roadplane_base::{Camera, KEYPOINTS, KeypointSet, Shape, ShapeAtlas, bbox_iou};
+use roadplane_base::{Camera, KEYPOINTS, KeypointSet, Shape, ShapeAtlas, bbox_iou, bbox_longer_side};
 
 /// Returns the keypoints whose score is at least `min_score`.
 #[must_use]
@@ -51,7 +51,7 @@ impl FitLimits {
         picture_px: &[f64; 4],
     ) -> bool {
         let Some(projected_px) = projected_px else { return false };
-        let side_px = (bbox_px[2] - bbox_px[0]).max(bbox_px[3] - bbox_px[1]);
+        let side_px = bbox_longer_side(bbox_px);
         overlap_inside(&projected_px, bbox_px, picture_px) >= self.min_box_overlap
             && reprojection_rms_px <= self.max_rms_share * side_px
     }

@@ -7,7 +7,7 @@ use serde_json::{Map, Value};
 
 use super::error::RecordError;
 use super::vehicle_class::VehicleClass;
-use crate::{KEYPOINTS, Keypoint, KeypointSet};
+use crate::{KEYPOINTS, Keypoint, KeypointSet, bbox_longer_side};
 
 /// One detected vehicle in one frame.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
@@ -92,8 +92,7 @@ impl CarRecord {
     /// Returns the longer side of the box, px.
     #[must_use]
     pub fn longer_side_px(&self) -> f64 {
-        let [x0, y0, x1, y1] = self.bbox_px;
-        (x1 - x0).max(y1 - y0)
+        bbox_longer_side(&self.bbox_px)
     }
 }
 

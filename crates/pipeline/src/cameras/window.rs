@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 
-use roadplane_base::{Camera, CameraParams, ImageSize, Keypoint, Lens, ParkedCar, ShapeAtlas, bbox_foot};
+use roadplane_base::{
+    Camera, CameraParams, ImageSize, Keypoint, Lens, ParkedCar, ShapeAtlas, bbox_foot, bbox_longer_side,
+};
 use roadplane_calibrate::{CarIdentity, CarUse, GroundEvidence, GroundView, View, Window, WindowEstimate};
 use roadplane_measure::projected_box;
 use roadplane_solve::{CarView, SceneOptions, solve_scene};
@@ -92,7 +94,7 @@ impl<'a> Solving<'a> {
                     foot_px,
                     information: evidence.information,
                     gradient: evidence.gradient,
-                    side_px: (view.bbox_px[2] - view.bbox_px[0]).max(view.bbox_px[3] - view.bbox_px[1]),
+                    side_px: bbox_longer_side(&view.bbox_px),
                 })
             }),
         );

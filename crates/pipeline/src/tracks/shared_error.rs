@@ -18,17 +18,18 @@ const WAY_M: f64 = 1.0;
 #[must_use]
 pub fn by_camera(estimate: &CameraEstimate, pose: &GroundPose) -> Option<Matrix4<f64>> {
     let part = estimate.ground().part_at(pose.x_m, pose.y_m);
-    Some(on_surface(&part, by_plane(&estimate.above(&part), &part.from_surface(pose))?))
+    by_camera_above(&part, &estimate.above(&part), pose)
 }
 
-/// Turns derivatives of x and y on a plane alone to those on the surface.
-fn on_surface(part: &GroundPart, mut by: Matrix4<f64>) -> Matrix4<f64> {
-    let turned = part.surface_from_plane.rotation.to_rotation_matrix() * by.fixed_rows::<2>(0);
-    by.fixed_rows_mut::<2>(0).copy_from(&turned);
-    by
+/// As [`by_camera`], for the camera above the plane at the position.
+fn by_camera_above(part: &GroundPart, camera: &CameraEstimate, pose: &GroundPose) -> Option<Matrix4<f64>> {
+    let mut by = by_plane(camera, &part.from_surface(pose))?;
+    let on_surface = part.surface_from_plane.rotation.to_rotation_matrix() * by.fixed_rows::<2>(0);
+    by.fixed_rows_mut::<2>(0).copy_from(&on_surface);
+    Some(by)
 }
 
-/// As [`by_camera`], for the only plane of the estimate.
+/// As [`by_camera`], for the only plane of the estimate, in its world frame.
 fn by_plane(estimate: &CameraEstimate, pose: &GroundPose) -> Option<Matrix4<f64>> {
     let ahead = Vector2::new(pose.heading_rad.cos(), pose.heading_rad.sin()) * WAY_M;
     let from = Vector2::new(pose.x_m, pose.y_m);
@@ -62,7 +63,7 @@ pub fn shared_covariance(estimate: &CameraEstimate, pose: &GroundPose) -> Matrix
     if !camera.covariance.iter().all(|v| v.is_finite()) {
         return Matrix4::zeros();
     }
-    let by = by_camera(estimate, pose);
+    let by = by_camera_above(&part, &camera, pose);
     by.map_or_else(Matrix4::zeros, |by| by * camera.covariance * by.transpose())
 }
 

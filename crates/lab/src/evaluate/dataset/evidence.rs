@@ -177,7 +177,7 @@ mod tests {
         for frame in &scene.frames {
             for (c, set) in frame.cars.iter().zip(&frame.keypoints) {
                 let car = &truth.frames[frame.index].cars[*c];
-                let side = (car.bbox_px[2] - car.bbox_px[0]).max(car.bbox_px[3] - car.bbox_px[1]);
+                let side = roadplane_base::bbox_longer_side(&car.bbox_px);
                 for (point, truth) in set.iter().zip(&car.keypoints_px) {
                     let (Some(point), Some([x, y, _])) = (point, truth) else { continue };
                     square += (point.pixel - Vector2::new(*x, *y)).norm_squared() / (0.02 * side).powi(2);
