@@ -16,7 +16,8 @@ from torch import nn
 from roadplane_train.cars.mesh import KEYPOINT_NAMES, MIRROR
 from roadplane_train.net.data import RealCar, Shards, apply, crop_from_box, crop_from_rendered, read_real, warp
 from roadplane_train.net.decode import Calibration, decode
-from roadplane_train.net.model import Deployed, StackedHourglass
+from roadplane_train.net.model import INPUT_PX, Deployed, StackedHourglass
+from roadplane_train.net.start import read_stages, read_weights, start
 
 # Index of the keypoint at the other end of the car; mirror and B-pillar have none and map to themselves.
 _ENDS = [1, 0, 3, 2, 6, 7, 4, 5, 9, 8, 13, 12, 11, 10, 14, 16, 15, 17]
@@ -26,6 +27,7 @@ CONFUSIONS = {"left/right": LEFT_RIGHT, "front/back": FRONT_BACK, "turned round"
 NORMAL_SD_PER_MAD = 1.4826
 SIZES_PX = (0, 30, 60, 100, 200, 10_000)
 ELEVATIONS_DEG = (0, 4, 10, 25, 90)
+LEAST_SCORE = 0.5  # `solve.min_keypoint_score` of the product: keypoints below it do not count
 
 
 def robust_sd(values: np.ndarray) -> float:
@@ -59,6 +61,7 @@ class Result:
     covariance: np.ndarray  # [n, 2, 2] crop px²: of the measurement, or of the heatmap around its peak
     score_seen: np.ndarray
     score_hidden: np.ndarray
+    error_hidden: np.ndarray  # of the hidden points, units of the box's longer side
     confused: dict[str, list[int]]  # crops whose points fit better with exchanged names
     cars: int
 
@@ -79,6 +82,11 @@ class Result:
         variance = np.diagonal(self.covariance, axis1=1, axis2=2)
         return robust_sd(self.offset / np.sqrt(variance + 1e-9))
 
+    def hidden_that_count(self) -> tuple[float, float]:
+        """Returns the share of hidden points that the product takes for visible, and their median error."""
+        counts = self.score_hidden >= LEAST_SCORE
+        return (float(counts.mean()), float(np.median(self.error_hidden[counts]))) if counts.any() else (0.0, float("nan"))
+
     def numbers(self) -> dict[str, float | int | dict]:
         """Returns the figures for a model card."""
         return {
@@ -95,10 +103,12 @@ class Result:
     def line(self) -> str:
         """Returns a summary in one line."""
         confused = ", ".join(f"{name} {len(cars)}" for name, cars in self.confused.items())
+        share, error = self.hidden_that_count()
         return (
             f"{self.cars} cars, {len(self.error)} points: median {100 * np.median(self.error):.2f} % "
             f"PCK.05 {100 * self.pck(0.05):.1f} PCK.1 {100 * self.pck(0.1):.1f} AUC {self.auc():.3f} "
-            f"raw normalised sd {self.robust_sd():.2f}, confused: {confused}"
+            f"raw normalised sd {self.robust_sd():.2f}, confused: {confused}; "
+            f"hidden points that count: {100 * share:.1f} %, median error {100 * error:.2f} %"
         )
 
 
@@ -183,8 +193,9 @@ def evaluate(net: Deployed, crops: list[Crop], calibration: Calibration | None =
     clear = np.stack([c.clear for c in crops])
     hidden = np.stack([c.hidden for c in crops])
     car, index = np.nonzero(clear)
-    offset = means[clear] - np.stack([c.points for c in crops])[clear]
-    sides = np.array([c.side for c in crops])
+    truth, sides = np.stack([c.points for c in crops]), np.array([c.side for c in crops])
+    offset = means[clear] - truth[clear]
+    away = np.hypot(*np.moveaxis(means - np.where(hidden[..., None], truth, 0), -1, 0)) / sides[:, None]
     return Result(
         np.hypot(*offset.T) / sides[car],
         index,
@@ -193,6 +204,7 @@ def evaluate(net: Deployed, crops: list[Crop], calibration: Calibration | None =
         covariances[clear],
         seen[clear],
         seen[hidden],
+        away[hidden],
         confused,
         len(crops),
     )
@@ -217,11 +229,12 @@ def tables(result: Result, crops: list[Crop]) -> str:
 
 
 def load(path: Path, work_px: int | None = None) -> Deployed:
-    """Loads the averaged weights of a run, as they are exported; `work_px` replaces the checkpoint's input size."""
-    state = torch.load(path, map_location="cpu")
-    net = StackedHourglass(state["stacks"], state["channels"])
-    net.load_state_dict(state["average"])
-    return Deployed(net, work_px or state["input_px"]).eval()
+    """Loads the averaged weights of a run, or an exported net; `work_px` replaces the input size of the training."""
+    stage = read_stages(path)[-1]
+    net = StackedHourglass(stage["stacks"], stage["channels"])
+    start(net, read_weights(path))
+    trained_px = INPUT_PX if path.suffix == ".onnx" else torch.load(path, map_location="cpu")["input_px"]
+    return Deployed(net, work_px or trained_px).eval()
 
 
 def main() -> None:

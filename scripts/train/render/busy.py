@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -100,6 +101,24 @@ class Risen:
         return replace(motion, world_from_car=self.risen_from_plane @ motion.world_from_car)
 
 
+class Carried:
+    """A car that a transporter carries above the ground; the transporter itself is left out."""
+
+    HEIGHT_M = 2.5
+
+    def __init__(self, vehicle: Vehicle) -> None:
+        self.vehicle, self.mesh = vehicle, vehicle.mesh
+
+    def at(self, time_s: float) -> Motion | None:
+        """Returns the motion of the car at a time; None if it is not there."""
+        motion = self.vehicle.at(time_s)
+        if motion is None:
+            return None
+        raised = np.eye(4)
+        raised[2, 3] = self.HEIGHT_M
+        return replace(motion, world_from_car=raised @ motion.world_from_car)
+
+
 def _in_view(camera: Camera, vehicles: list[Vehicle], seconds: float) -> bool:
     counts = []
     for time_s in np.linspace(0, seconds, 6):
@@ -110,7 +129,7 @@ def _in_view(camera: Camera, vehicles: list[Vehicle], seconds: float) -> bool:
     return IN_VIEW[0] <= np.mean(counts) <= IN_VIEW[1]
 
 
-def frames_of(cameras: list[Camera], site: Site, vehicles: list[Vehicle] | list[Risen], fps: float) -> list[list[dict]]:
+def frames_of(cameras: list[Camera], site: Site, vehicles: Sequence[Vehicle | Risen | Carried], fps: float) -> list[list[dict]]:
     """Returns the well visible vehicles of each frame. `cameras` has the camera of each frame."""
     outlines = Outlines(cameras[0], site.props)
     frames = []
@@ -201,6 +220,10 @@ def make(out: Path, options: argparse.Namespace) -> None:
         if options.rise:
             risen = [Risen(vehicle, options.rise, options.rise_from_m) for vehicle in vehicles]
             frames = frames_of([camera] * len(frames), site, risen, options.fps)
+        if options.carried:
+            step = round(1 / options.carried)
+            some = [Carried(v) if v.kind == "car" and i % step == 0 else v for i, v in enumerate(vehicles)]
+            frames = frames_of([camera] * len(frames), site, some, options.fps)
         media = f"{stem}.mp4" if options.pixels else None
         if options.pixels:
             renderer = renderer or Renderer(shadow_size=4096)
@@ -209,6 +232,8 @@ def make(out: Path, options: argparse.Namespace) -> None:
         conditions = {"layout": "junction", "weather": weather}
         if options.rise:
             conditions |= {"rise": f"{options.rise:g}", "rise_from_m": f"{options.rise_from_m:g}"}
+        if options.carried:
+            conditions["carried"] = f"{options.carried:g}"
         record = item_record(media, options.fps, conditions, camera, meshes, frames)
         write_json(folder / f"{stem}{TRUTH}", record)
         seen = sum(map(len, frames)) / len(frames)
@@ -229,9 +254,14 @@ def main() -> None:
     parser.add_argument("--pixels", action="store_true", help="renders the videos, too")
     parser.add_argument("--rise", type=float, default=0.0, metavar="SLOPE", help="change of the road's slope, such as 0.06")
     parser.add_argument("--rise-from-m", type=float, default=45.0, metavar="M", help="world y at which it changes, m")
+    parser.add_argument("--carried", type=float, default=0.0, metavar="SHARE", help="share of cars that are 2.5 m too high")
     options = parser.parse_args()
-    if options.rise and options.pixels:
-        parser.error("--rise has no pictures: leave out --pixels")
+    if (options.rise or options.carried) and options.pixels:
+        parser.error("--rise and --carried have no pictures: leave out --pixels")
+    if options.rise and options.carried:
+        parser.error("--rise and --carried exclude each other")
+    if not 0 <= options.carried <= 1:
+        parser.error("--carried is a share, from 0 to 1")
     make(options.out, options)
 
 

@@ -13,12 +13,14 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from multiprocessing import get_context
 from pathlib import Path
+from typing import get_args
 
 import cv2
 import numpy as np
 
 from roadplane_train.cars.builder import sample_car
 from roadplane_train.cars.deform import deform
+from roadplane_train.cars.heavy import sample_heavy
 from roadplane_train.cars.mesh import CarMesh
 from roadplane_train.cars.meshes import MissingFurnitureError, load_meshes
 
@@ -26,7 +28,7 @@ from .camera import Camera
 from .degrade import degrade
 from .gpu_car import GpuCar
 from .renderer import ENVIRONMENTS, Renderer
-from .scene import Scene, SceneSampler
+from .scene import Scene, SceneSampler, Views
 
 SHARD = 512
 CROP_PX = 128
@@ -39,6 +41,8 @@ TRUTH_SCALE = 1.35
 DEPTH_TOLERANCE_M = 0.10
 LARGEST_PATCH_PX = 200  # larger cars are rendered at a lower frame resolution, as the net's input is 128 px anyway
 OCCLUDED_BELOW = 0.65  # visible share below which a car counts as strongly occluded
+HIDDEN_BELOW = 0.9  # largest visible share of a car of the hidden views
+HEAVY_PER_SHARD = 8  # lorries and buses that hide cars in the hidden views
 
 
 @dataclass
@@ -155,9 +159,9 @@ class Generator:
     """Deterministic shards of crops."""
 
     def __init__(
-        self, split: str, seed: int, meshes: list[CarMesh], renderer: Renderer | None = None, hard: bool = False
+        self, split: str, seed: int, meshes: list[CarMesh], renderer: Renderer | None = None, views: Views = "usual"
     ) -> None:
-        self.split, self.seed, self.hard = split, seed, hard
+        self.split, self.seed, self.views = split, seed, views
         self.renderer = renderer or Renderer()
         self.meshes = meshes
 
@@ -170,7 +174,9 @@ class Generator:
         if self.split == "train":
             real = [deform(mesh, rng) for mesh in real]
         real = [self.renderer.upload(mesh) for mesh in real]
-        sampler = SceneSampler(built + real, ENVIRONMENTS)
+        kinds = ["truck", "bus"] * (HEAVY_PER_SHARD // 2) if self.views == "hidden" else []
+        heavy = [self.renderer.upload(sample_heavy(rng, kind)) for kind in kinds]
+        sampler = SceneSampler(built + real, ENVIRONMENTS, heavy)
         crops: list[Crop] = []
         cars: list[GpuCar] = []
         occluded = 0
@@ -178,12 +184,15 @@ class Generator:
             targets = real if real and rng.random() < MESH_SHARE else built
             target = targets[rng.integers(len(targets))]
             scene, camera = sampler.sample(
-                rng, target, near_edge=rng.random() < 0.1, occluded=rng.random() < 0.28, hard=self.hard
+                rng, target, near_edge=rng.random() < 0.1, occluded=rng.random() < 0.28, views=self.views
             )
             seen = visible_part(self.renderer, scene, camera, 0)
             if seen is None or seen.share < 0.25:
                 continue
-            if seen.share < OCCLUDED_BELOW:
+            if self.views == "hidden":
+                if seen.share > HIDDEN_BELOW:
+                    continue
+            elif seen.share < OCCLUDED_BELOW:
                 if occluded > 0.17 * (len(crops) + 4):
                     continue
                 occluded += 1
@@ -200,7 +209,7 @@ class Generator:
             "car": np.array([car.mesh.name for car in cars]),
             "body": np.array([car.mesh.body for car in cars]),
         }
-        for car in built + real:
+        for car in built + real + heavy:
             car.release()
         return result
 
@@ -222,7 +231,12 @@ def main() -> None:
     parser.add_argument("--first", type=int, default=0, help="number of the first shard, to split the work among processes")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--split", choices=("train", "eval"), default="train")
-    parser.add_argument("--hard", action="store_true", help="small cars, and views from eye level and from above")
+    parser.add_argument(
+        "--views",
+        choices=get_args(Views),
+        default="usual",
+        help="hard: small cars, and views from eye level and from above; hidden: cars behind another vehicle",
+    )
     parser.add_argument("--jobs", type=int, default=1, help="processes that render at the same time")
     parser.add_argument("--redo-before", type=float, default=0.0, help="renders older shards again (Unix time)")
     options = parser.parse_args()
@@ -243,7 +257,7 @@ def render_shards(options: argparse.Namespace, numbers: range) -> None:
         path = folder / f"shard_{number:05d}.npz"
         if path.exists() and path.stat().st_mtime >= options.redo_before:
             continue
-        generator = generator or Generator(options.split, options.seed, real_meshes(options.split), hard=options.hard)
+        generator = generator or Generator(options.split, options.seed, real_meshes(options.split), views=options.views)
         start = time.perf_counter()
         temporary = path.with_suffix(f".{os.getpid()}.tmp")
         with temporary.open("wb") as file:

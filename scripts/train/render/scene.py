@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -13,6 +13,8 @@ from .props import Prop, placed
 
 if TYPE_CHECKING:
     from .gpu_car import GpuCar
+
+Views = Literal["usual", "hard", "hidden"]  # hard: small cars, eye level, steep; hidden: behind another vehicle
 
 FRAME_SIZES = ((1280, 720), (1920, 1080), (1280, 960), (720, 576), (640, 480), (2560, 1440), (1280, 720))
 
@@ -132,8 +134,9 @@ def _clear(place: np.ndarray, heading: float, mesh_dims: np.ndarray, cars: list[
 class SceneSampler:
     """Draws random scenes from a pool of cars."""
 
-    def __init__(self, pool: list[GpuCar], environments: int) -> None:
+    def __init__(self, pool: list[GpuCar], environments: int, heavy: list[GpuCar] | None = None) -> None:
         self.pool = pool
+        self.heavy = heavy or []
         self.environments = environments
 
     def _car(self, rng: np.random.Generator, place: np.ndarray, heading: float) -> PlacedCar:
@@ -141,10 +144,10 @@ class SceneSampler:
         return PlacedCar(gpu, sample_car_appearance(rng), world_from_car(place[0], place[1], heading))
 
     def sample(
-        self, rng: np.random.Generator, target: GpuCar, near_edge: bool, occluded: bool, hard: bool = False
+        self, rng: np.random.Generator, target: GpuCar, near_edge: bool, occluded: bool, views: Views = "usual"
     ) -> tuple[Scene, Camera]:
         """Draws a scene around a target at a random heading."""
-        camera, ground, _ = sample_view(rng, near_edge, hard)
+        camera, ground, _ = sample_view(rng, near_edge, views == "hard")
         view_azimuth = np.arctan2(ground[1], ground[0])
         heading = rng.uniform(0, 2 * np.pi)
         first = PlacedCar(target, sample_car_appearance(rng), world_from_car(ground[0], ground[1], heading))
@@ -153,7 +156,9 @@ class SceneSampler:
         floor = self._floor(rng, layout, ground, heading)
         self._neighbours(rng, layout, cars, floor)
         props = self._background(rng, ground, floor, camera, layout)
-        if occluded:
+        if views == "hidden":
+            self._put_vehicle_before(rng, camera, ground, cars, self.pool if rng.random() < 0.6 else self.heavy)
+        elif occluded:
             self._occlude(rng, camera, ground, view_azimuth, cars, props)
         cars = [car for car in cars if car is first or np.linalg.norm(car.world_from_car[:3, 3] - [0, 0, camera.height_m]) > 4.5]
         light = sample_light(rng, self.environments)
@@ -315,14 +320,25 @@ class SceneSampler:
                 )
             )
         else:
-            for _ in range(8):
-                at = aside + toward * rng.uniform(2.0, max(2.4, min(6.5, 1.0 / slope + 2.5)))
-                angle = np.arctan2(*cars[0].world_from_car[1::-1, 0]) + rng.choice([0, np.pi, np.pi / 2, rng.uniform(0, 6)])
-                car = self._car(rng, at, angle)
-                if _clear(at, angle, car.gpu.mesh.dims, cars[:1], 0.1):
-                    cars[1:] = [c for c in cars[1:] if _clear(at, angle, car.gpu.mesh.dims, [c], 0.1)]
-                    cars.insert(1, car)
-                    break
+            self._put_vehicle_before(rng, camera, place, cars, self.pool)
+
+    def _put_vehicle_before(
+        self, rng: np.random.Generator, camera: Camera, place: np.ndarray, cars: list[PlacedCar], pool: list[GpuCar]
+    ) -> None:
+        """Puts a vehicle between the camera and the target, which then hides the target from below."""
+        toward = -place[:2] / np.hypot(*place[:2])
+        across = np.array([-toward[1], toward[0]])
+        slope = camera.height_m / np.hypot(*place[:2])
+        aside = place[:2] + across * rng.normal(0, 1.3)
+        for _ in range(8):
+            gpu = pool[rng.integers(len(pool))]
+            far = max(2.4, min(6.5, (gpu.mesh.dims[2] - 0.5) / slope + 2.5))
+            at = aside + toward * rng.uniform(2.0, far)
+            angle = np.arctan2(*cars[0].world_from_car[1::-1, 0]) + rng.choice([0, np.pi, np.pi / 2, rng.uniform(0, 6)])
+            if _clear(at, angle, gpu.mesh.dims, cars[:1], 0.1):
+                cars[1:] = [c for c in cars[1:] if _clear(at, angle, gpu.mesh.dims, [c], 0.1)]
+                cars.insert(1, PlacedCar(gpu, sample_car_appearance(rng), world_from_car(*at, angle)))
+                break
 
 
 def tree(rng: np.random.Generator, at: tuple[float, float]) -> list[Prop]:
