@@ -6,6 +6,7 @@ roadplane-train net evaluate --weights RUN/last.pt
 from __future__ import annotations
 
 import argparse
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,8 +17,8 @@ from torch import nn
 from roadplane_train.cars.mesh import KEYPOINT_NAMES, MIRROR
 from roadplane_train.net.data import RealCar, Shards, apply, crop_from_box, crop_from_rendered, read_real, warp
 from roadplane_train.net.decode import Calibration, decode
-from roadplane_train.net.model import INPUT_PX, Deployed, StackedHourglass
-from roadplane_train.net.start import read_stages, read_weights, start
+from roadplane_train.net.model import Deployed, StackedHourglass
+from roadplane_train.net.start import read_weights
 
 # Index of the keypoint at the other end of the car; mirror and B-pillar have none and map to themselves.
 _ENDS = [1, 0, 3, 2, 6, 7, 4, 5, 9, 8, 13, 12, 11, 10, 14, 16, 15, 17]
@@ -37,7 +38,7 @@ def robust_sd(values: np.ndarray) -> float:
 
 @dataclass
 class Crop:
-    """One crop with its truth: points in crop px; `clear` points are measured, `hidden` ones are only scored."""
+    """One crop with its truth: points in crop px; `clear` points are measured, `hidden` ones are mainly scored."""
 
     image: np.ndarray
     points: np.ndarray
@@ -82,10 +83,12 @@ class Result:
         variance = np.diagonal(self.covariance, axis1=1, axis2=2)
         return robust_sd(self.offset / np.sqrt(variance + 1e-9))
 
-    def hidden_that_count(self) -> tuple[float, float]:
-        """Returns the share of hidden points that the product takes for visible, and their median error."""
+    def hidden_that_count(self) -> str:
+        """Returns the share of hidden points that the product takes for visible and their median error, as a text."""
         counts = self.score_hidden >= LEAST_SCORE
-        return (float(counts.mean()), float(np.median(self.error_hidden[counts]))) if counts.any() else (0.0, float("nan"))
+        if not counts.any():
+            return "none"
+        return f"{100 * counts.mean():.1f} %, median error {100 * np.median(self.error_hidden[counts]):.2f} %"
 
     def numbers(self) -> dict[str, float | int | dict]:
         """Returns the figures for a model card."""
@@ -103,12 +106,11 @@ class Result:
     def line(self) -> str:
         """Returns a summary in one line."""
         confused = ", ".join(f"{name} {len(cars)}" for name, cars in self.confused.items())
-        share, error = self.hidden_that_count()
         return (
             f"{self.cars} cars, {len(self.error)} points: median {100 * np.median(self.error):.2f} % "
             f"PCK.05 {100 * self.pck(0.05):.1f} PCK.1 {100 * self.pck(0.1):.1f} AUC {self.auc():.3f} "
             f"raw normalised sd {self.robust_sd():.2f}, confused: {confused}; "
-            f"hidden points that count: {100 * share:.1f} %, median error {100 * error:.2f} %"
+            f"hidden points that count: {self.hidden_that_count()}"
         )
 
 
@@ -195,7 +197,7 @@ def evaluate(net: Deployed, crops: list[Crop], calibration: Calibration | None =
     car, index = np.nonzero(clear)
     truth, sides = np.stack([c.points for c in crops]), np.array([c.side for c in crops])
     offset = means[clear] - truth[clear]
-    away = np.hypot(*np.moveaxis(means - np.where(hidden[..., None], truth, 0), -1, 0)) / sides[:, None]
+    away = np.hypot(*(means[hidden] - truth[hidden]).T) / sides[np.nonzero(hidden)[0]]
     return Result(
         np.hypot(*offset.T) / sides[car],
         index,
@@ -204,7 +206,7 @@ def evaluate(net: Deployed, crops: list[Crop], calibration: Calibration | None =
         covariances[clear],
         seen[clear],
         seen[hidden],
-        away[hidden],
+        away,
         confused,
         len(crops),
     )
@@ -230,10 +232,14 @@ def tables(result: Result, crops: list[Crop]) -> str:
 
 def load(path: Path, work_px: int | None = None) -> Deployed:
     """Loads the averaged weights of a run, or an exported net; `work_px` replaces the input size of the training."""
-    stage = read_stages(path)[-1]
-    net = StackedHourglass(stage["stacks"], stage["channels"])
-    start(net, read_weights(path))
-    trained_px = INPUT_PX if path.suffix == ".onnx" else torch.load(path, map_location="cpu")["input_px"]
+    if path.suffix == ".onnx":
+        made = json.loads(path.with_suffix(".card.json").read_text())["how_made"]
+        stacks, channels, trained_px = made["stacks"], made["channels"], made["work_px"]
+    else:
+        state = torch.load(path, map_location="cpu")
+        stacks, channels, trained_px = state["stacks"], state["channels"], state["input_px"]
+    net = StackedHourglass(stacks, channels)
+    net.load_state_dict(read_weights(path))
     return Deployed(net, work_px or trained_px).eval()
 
 

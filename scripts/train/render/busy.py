@@ -119,6 +119,13 @@ class Carried:
         return replace(motion, world_from_car=raised @ motion.world_from_car)
 
 
+def with_carried(vehicles: Sequence[Vehicle], share: float) -> list[Vehicle | Carried]:
+    """Returns the vehicles; about this share of the cars, evenly distributed, is carried."""
+    chosen = np.diff(np.ceil(share * np.arange(len(vehicles) + 1) - 1e-9)) > 0
+    pairs = zip(vehicles, chosen, strict=True)
+    return [Carried(vehicle) if is_chosen and vehicle.kind == "car" else vehicle for vehicle, is_chosen in pairs]
+
+
 def _in_view(camera: Camera, vehicles: list[Vehicle], seconds: float) -> bool:
     counts = []
     for time_s in np.linspace(0, seconds, 6):
@@ -221,8 +228,7 @@ def make(out: Path, options: argparse.Namespace) -> None:
             risen = [Risen(vehicle, options.rise, options.rise_from_m) for vehicle in vehicles]
             frames = frames_of([camera] * len(frames), site, risen, options.fps)
         if options.carried:
-            step = round(1 / options.carried)
-            some = [Carried(v) if v.kind == "car" and i % step == 0 else v for i, v in enumerate(vehicles)]
+            some = with_carried(vehicles, options.carried)
             frames = frames_of([camera] * len(frames), site, some, options.fps)
         media = f"{stem}.mp4" if options.pixels else None
         if options.pixels:

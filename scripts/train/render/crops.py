@@ -235,7 +235,7 @@ def main() -> None:
         "--views",
         choices=get_args(Views),
         default="usual",
-        help="hard: small cars, and views from eye level and from above; hidden: cars behind another vehicle",
+        help="hard: small cars, and views from eye level and from above; hidden: cars mostly behind another vehicle",
     )
     parser.add_argument("--jobs", type=int, default=1, help="processes that render at the same time")
     parser.add_argument("--redo-before", type=float, default=0.0, help="renders older shards again (Unix time)")

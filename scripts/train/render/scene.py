@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from .appearance import CarAppearance, Ground, Light, sample_car_appearance, sample_ground, sample_light
+from .appearance import (
+    CarAppearance,
+    Ground,
+    Light,
+    sample_car_appearance,
+    sample_ground,
+    sample_heavy_appearance,
+    sample_light,
+)
 from .camera import Camera, world_from_car
 from .props import Prop, placed
 
@@ -15,6 +23,8 @@ if TYPE_CHECKING:
     from .gpu_car import GpuCar
 
 Views = Literal["usual", "hard", "hidden"]  # hard: small cars, eye level, steep; hidden: behind another vehicle
+
+HEAVY_SHARE = 0.4  # lorries and buses among the vehicles that hide cars in hidden views
 
 FRAME_SIZES = ((1280, 720), (1920, 1080), (1280, 960), (720, 576), (640, 480), (2560, 1440), (1280, 720))
 
@@ -139,10 +149,6 @@ class SceneSampler:
         self.heavy = heavy or []
         self.environments = environments
 
-    def _car(self, rng: np.random.Generator, place: np.ndarray, heading: float) -> PlacedCar:
-        gpu = self.pool[rng.integers(len(self.pool))]
-        return PlacedCar(gpu, sample_car_appearance(rng), world_from_car(place[0], place[1], heading))
-
     def sample(
         self, rng: np.random.Generator, target: GpuCar, near_edge: bool, occluded: bool, views: Views = "usual"
     ) -> tuple[Scene, Camera]:
@@ -157,7 +163,7 @@ class SceneSampler:
         self._neighbours(rng, layout, cars, floor)
         props = self._background(rng, ground, floor, camera, layout)
         if views == "hidden":
-            self._put_vehicle_before(rng, camera, ground, cars, self.pool if rng.random() < 0.6 else self.heavy)
+            self._put_vehicle_before(rng, camera, ground, cars, self.heavy if rng.random() < HEAVY_SHARE else self.pool)
         elif occluded:
             self._occlude(rng, camera, ground, view_azimuth, cars, props)
         cars = [car for car in cars if car is first or np.linalg.norm(car.world_from_car[:3, 3] - [0, 0, camera.height_m]) > 4.5]
@@ -335,9 +341,17 @@ class SceneSampler:
             far = max(2.4, min(6.5, (gpu.mesh.dims[2] - 0.5) / slope + 2.5))
             at = aside + toward * rng.uniform(2.0, far)
             angle = np.arctan2(*cars[0].world_from_car[1::-1, 0]) + rng.choice([0, np.pi, np.pi / 2, rng.uniform(0, 6)])
-            if _clear(at, angle, gpu.mesh.dims, cars[:1], 0.1):
+            is_heavy = gpu.mesh.body in ("truck", "bus")
+            appearance = sample_heavy_appearance(rng) if is_heavy else sample_car_appearance(rng)
+            before = PlacedCar(gpu, appearance, world_from_car(*at, angle))
+            first = cars[0].world_from_car
+            first_heading = np.arctan2(first[1, 0], first[0, 0])
+            is_clear = _clear(at, angle, gpu.mesh.dims, cars[:1], 0.1) and _clear(
+                first[:2, 3], first_heading, cars[0].gpu.mesh.dims, [before], 0.1
+            )
+            if is_clear and np.hypot(*at) > gpu.mesh.dims[0] / 2 + 3.0:
                 cars[1:] = [c for c in cars[1:] if _clear(at, angle, gpu.mesh.dims, [c], 0.1)]
-                cars.insert(1, PlacedCar(gpu, sample_car_appearance(rng), world_from_car(*at, angle)))
+                cars.insert(1, before)
                 break
 
 

@@ -119,6 +119,14 @@ class PictureTest(unittest.TestCase):
         self.assertFalse(cut.all())
         np.testing.assert_array_less((high - low).max(1)[~cut], sides[~cut] * 1.02 + 1)
 
+    def test_hidden_views_hide_a_part_of_every_car(self) -> None:
+        first, again = (crops.Generator("train", 5, [], self.renderer, views="hidden").shard(3, count=4) for _ in range(2))
+        for name, array in first.items():
+            np.testing.assert_array_equal(array, again[name])
+        self.assertLessEqual(first["share"].max(), crops.HIDDEN_BELOW)
+        hidden = np.isfinite(first["keypoints"][..., 0]) & (first["visible"] == 0)
+        self.assertTrue(hidden.any(1).all())
+
 
 class DegradeTest(unittest.TestCase):
     """Tests that any size is accepted."""

@@ -40,7 +40,7 @@ fn variants() -> Vec<(&'static str, Steps)> {
         ("no rejection of cars", Steps { rejection: false, ..all }),
         ("no reclassified keypoints", Steps { reclassify: false, ..all }),
         ("no fine modes (nor types, trust)", Steps { all_modes: false, ..all }),
-        ("no body types", Steps { body_types: false, ..all }),
+        ("no body types (nor unknown sizes)", Steps { body_types: false, ..all }),
         ("no trust", Steps { trust: false, ..all }),
         ("bias left in", Steps { bias: false, ..all }),
     ]

@@ -12,9 +12,9 @@
 //! The car's new shape prior is one normal distribution. Its mean and covariance are those of the mixture with the
 //! weights p_k. It is narrow if one type is almost certain, and wider otherwise.
 //!
-//! One more type is a vehicle of unknown size. A car on a car transporter or on a parking deck is nearer than a car on
-//! the ground, so it appears larger. The front of a lorry may look like a large car. The size of such a vehicle must not
-//! count as evidence on the height of the camera.
+//! With all modes, one more type is a vehicle of unknown size, and the shares above are those of the remaining cars. A car
+//! on a car transporter or on a parking deck is nearer than a car on the ground, so it appears larger. The front of a
+//! lorry may look like a large car. The size of such a vehicle must not count as evidence on the height of the camera.
 
 use nalgebra::{Cholesky, Const, SMatrix, SVector, Vector3};
 use roadplane_base::{ALL_MODES, BodyType, MODES, ShapeAtlas};
@@ -25,8 +25,8 @@ use crate::options::SceneOptions;
 pub(crate) const ROUNDS_OF_TYPES: usize = 2;
 /// Share of vehicles of unknown size. From 0.02 to 0.1, the cameras of 25 sites are equally good.
 const UNKNOWN_SIZE_SHARE: f64 = 0.05;
-/// Sd of the log size of a vehicle of unknown size. A car that is carried 2.5 m high appears larger by 0.33, for a
-/// camera at 9 m. With 0.2 or 0.3, the cameras of 25 sites are equally good.
+/// Sd of the log size of a vehicle of unknown size, beside that of all cars. A car that is carried 2.5 m high appears
+/// larger by 0.33, for a camera at 9 m. With 0.2 or 0.3, the cameras of 25 sites are equally good.
 const UNKNOWN_SIZE_SD: f64 = 0.25;
 
 /// A Gaussian prior on the coefficients of the first N modes.
@@ -95,26 +95,29 @@ impl<const N: usize> Component<N> {
 pub(crate) struct BodyTypes<const N: usize>(Vec<Component<N>>);
 
 impl<const N: usize> BodyTypes<N> {
-    /// Creates the mixture from the atlas; it is empty if body types are switched off.
+    /// Creates the mixture from the atlas; it is empty if body types are switched off, or if the atlas has none.
     ///
     /// The fine coefficients are multiplied by the options' `atlas_residual_scale`.
     pub fn new(atlas: &ShapeAtlas, options: &SceneOptions) -> Self {
-        if !options.steps.body_types {
+        if !options.steps.body_types || atlas.body_types.is_empty() {
             return Self(Vec::new());
         }
+        // The first modes alone cannot change the size of a car without its form.
+        let unknown_size_share = if N == ALL_MODES { UNKNOWN_SIZE_SHARE } else { 0.0 };
         let fine = options.atlas_residual_scale;
         let sd = SVector::<f64, N>::from_fn(|j, _| if j < MODES { 1.0 } else { fine });
         let of_type = |body: &BodyType| {
             let covariance = SMatrix::<f64, N, N>::from_fn(|i, j| sd[i] * sd[j] * body.covariance[(i, j)]);
             let mean = SVector::<f64, N>::from_fn(|j, _| sd[j] * body.mean[j]);
-            Component::new((1.0 - UNKNOWN_SIZE_SHARE) * body.share, mean, covariance)
+            Component::new((1.0 - unknown_size_share) * body.share, mean, covariance)
         };
         let of_unknown_size = || {
             let by_size = by_log_size::<N>(atlas)? * UNKNOWN_SIZE_SD;
             let covariance = SMatrix::from_diagonal(&sd.component_mul(&sd)) + by_size * by_size.transpose();
-            Component::new(UNKNOWN_SIZE_SHARE, SVector::zeros(), covariance)
+            Component::new(unknown_size_share, SVector::zeros(), covariance)
         };
-        Self(atlas.body_types.iter().filter_map(of_type).chain(of_unknown_size()).collect())
+        let unknown = if unknown_size_share > 0.0 { of_unknown_size() } else { None };
+        Self(atlas.body_types.iter().filter_map(of_type).chain(unknown).collect())
     }
 
     /// Replaces `prior` by the prior of a car's likely body types. If the mixture is empty, `prior` does not change.
@@ -222,6 +225,8 @@ mod tests {
             let odds = types.odds(&information, &(information * shape)).unwrap();
             (odds[atlas.body_types.len()], types.prior_of(&information, &(information * shape)).unwrap())
         };
+        let none = ShapeAtlas { body_types: Vec::new(), ..atlas.clone() };
+        assert!(BodyTypes::<ALL_MODES>::new(&none, &SceneOptions::default()).0.is_empty());
         let (ordinary, large, small) = (unknown(0.0), unknown(0.3), unknown(-0.3));
         assert!(
             ordinary.0 < 0.02 && large.0 > 0.9 && small.0 > 0.9,
