@@ -234,12 +234,12 @@ def load(path: Path, work_px: int | None = None) -> Deployed:
     """Loads the averaged weights of a run, or an exported net; `work_px` replaces the input size of the training."""
     if path.suffix == ".onnx":
         made = json.loads(path.with_suffix(".card.json").read_text())["how_made"]
-        stacks, channels, trained_px = made["stacks"], made["channels"], made["work_px"]
+        stacks, channels, trained_px, weights = made["stacks"], made["channels"], made["work_px"], read_weights(path)
     else:
         state = torch.load(path, map_location="cpu")
-        stacks, channels, trained_px = state["stacks"], state["channels"], state["input_px"]
+        stacks, channels, trained_px, weights = state["stacks"], state["channels"], state["input_px"], state["average"]
     net = StackedHourglass(stacks, channels)
-    net.load_state_dict(read_weights(path))
+    net.load_state_dict(weights)
     return Deployed(net, work_px or trained_px).eval()
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from roadplane_train.net.data import Shards, read_real
-from roadplane_train.net.evaluate import Crop, confusion_of, load, predict, real_crops, shard_crops
+from roadplane_train.net.evaluate import LEAST_SCORE, Crop, confusion_of, load, predict, real_crops, shard_crops
 from roadplane_train.net.model import Deployed
 
 LEFT, RIGHT, FAINT, TRUTH = (255, 60, 60), (60, 140, 255), (150, 150, 150), (0, 255, 0)
@@ -37,7 +37,7 @@ def montage(net: Deployed, crops: list[Crop], columns: int = 6, zoom: int = 3) -
             cv2.line(tile, at(crop.points[k]), at(mean[k]), TRUTH, 1, cv2.LINE_AA)
             cv2.circle(tile, at(crop.points[k]), 4, TRUTH, 1, cv2.LINE_AA)
         for k in range(len(mean)):
-            shown = score[k] > 0.5
+            shown = score[k] > LEAST_SCORE
             colour = (LEFT if k < 18 else RIGHT) if shown else FAINT
             cv2.circle(tile, at(mean[k]), 3 if shown else 1, colour, -1, cv2.LINE_AA)
         if confusion_of(mean, crop):

@@ -37,6 +37,7 @@ from .truth import SMALLEST_SHARE, car_record, dataset_record, item_record
 MODELS = {"car": 24, "truck": 8, "bus": 4}
 IN_VIEW = (18, 45)  # vehicles in the picture, on average
 LEAST_PX = 20.0  # longer side of the vehicles that count for that
+CARRIED_M = 2.5  # height of carried cars above the road
 OPEN_SKY = 0.5  # above the skylines in mirror images
 
 
@@ -82,48 +83,37 @@ def sample_busy(
             return camera, site, vehicles, frames_of([camera] * round(seconds * fps), site, vehicles, fps), rng
 
 
-class Risen:
-    """A vehicle on a road that rises, or falls, beyond a line across the viewing direction."""
+class OffPlane:
+    """A vehicle that is off the plane of its path: on a rise of the road, or on a car transporter."""
 
-    def __init__(self, vehicle: Vehicle, slope: float, from_m: float) -> None:
-        """Takes the vehicle on the plane, the change of slope, and the world y of the line, m."""
-        self.vehicle, self.mesh, self.from_m = vehicle, vehicle.mesh, from_m
-        cos, sin = np.cos(np.arctan(slope)), np.sin(np.arctan(slope))
-        turn, there = np.eye(4), np.eye(4)
-        turn[1:3, 1:3], there[1, 3] = [[cos, -sin], [sin, cos]], from_m
-        self.risen_from_plane = there @ turn @ np.linalg.inv(there)
+    def __init__(self, vehicle: Vehicle, world_from_plane: np.ndarray, from_m: float = -np.inf) -> None:
+        """Takes the vehicle on the plane, the motion (4 × 4) to its place, and the world y (m) from which it counts."""
+        self.vehicle, self.mesh = vehicle, vehicle.mesh
+        self.world_from_plane, self.from_m = world_from_plane, from_m
 
     def at(self, time_s: float) -> Motion | None:
         """Returns the motion of the vehicle at a time; None if it is not there."""
         motion = self.vehicle.at(time_s)
         if motion is None or motion.world_from_car[1, 3] <= self.from_m:
             return motion
-        return replace(motion, world_from_car=self.risen_from_plane @ motion.world_from_car)
+        return replace(motion, world_from_car=self.world_from_plane @ motion.world_from_car)
 
 
-class Carried:
-    """A car that a transporter carries above the ground; the transporter itself is left out."""
-
-    HEIGHT_M = 2.5
-
-    def __init__(self, vehicle: Vehicle) -> None:
-        self.vehicle, self.mesh = vehicle, vehicle.mesh
-
-    def at(self, time_s: float) -> Motion | None:
-        """Returns the motion of the car at a time; None if it is not there."""
-        motion = self.vehicle.at(time_s)
-        if motion is None:
-            return None
-        raised = np.eye(4)
-        raised[2, 3] = self.HEIGHT_M
-        return replace(motion, world_from_car=raised @ motion.world_from_car)
+def with_rise(vehicles: Sequence[Vehicle], slope: float, from_m: float) -> list[OffPlane]:
+    """Returns the vehicles on a road whose slope changes by `slope` at the world y `from_m`."""
+    cos, sin = np.cos(np.arctan(slope)), np.sin(np.arctan(slope))
+    turn, there = np.eye(4), np.eye(4)
+    turn[1:3, 1:3], there[1, 3] = [[cos, -sin], [sin, cos]], from_m
+    return [OffPlane(vehicle, there @ turn @ np.linalg.inv(there), from_m) for vehicle in vehicles]
 
 
-def with_carried(vehicles: Sequence[Vehicle], share: float) -> list[Vehicle | Carried]:
-    """Returns the vehicles; about this share of the cars, evenly distributed, is carried."""
+def with_carried(vehicles: Sequence[Vehicle], share: float) -> list[Vehicle | OffPlane]:
+    """Returns the vehicles. About this share of the cars is carried, evenly distributed; transporters are left out."""
+    raised = np.eye(4)
+    raised[2, 3] = CARRIED_M
     chosen = np.diff(np.ceil(share * np.arange(len(vehicles) + 1) - 1e-9)) > 0
     pairs = zip(vehicles, chosen, strict=True)
-    return [Carried(vehicle) if is_chosen and vehicle.kind == "car" else vehicle for vehicle, is_chosen in pairs]
+    return [OffPlane(vehicle, raised) if is_chosen and vehicle.kind == "car" else vehicle for vehicle, is_chosen in pairs]
 
 
 def _in_view(camera: Camera, vehicles: list[Vehicle], seconds: float) -> bool:
@@ -136,7 +126,7 @@ def _in_view(camera: Camera, vehicles: list[Vehicle], seconds: float) -> bool:
     return IN_VIEW[0] <= np.mean(counts) <= IN_VIEW[1]
 
 
-def frames_of(cameras: list[Camera], site: Site, vehicles: Sequence[Vehicle | Risen | Carried], fps: float) -> list[list[dict]]:
+def frames_of(cameras: list[Camera], site: Site, vehicles: Sequence[Vehicle | OffPlane], fps: float) -> list[list[dict]]:
     """Returns the well visible vehicles of each frame. `cameras` has the camera of each frame."""
     outlines = Outlines(cameras[0], site.props)
     frames = []
@@ -225,7 +215,7 @@ def make(out: Path, options: argparse.Namespace) -> None:
         weather = list(WEATHERS)[number % len(WEATHERS)]
         camera, site, vehicles, frames, rng = sample_busy(rng, options.split, options.seconds, options.fps, options.size)
         if options.rise:
-            risen = [Risen(vehicle, options.rise, options.rise_from_m) for vehicle in vehicles]
+            risen = with_rise(vehicles, options.rise, options.rise_from_m)
             frames = frames_of([camera] * len(frames), site, risen, options.fps)
         if options.carried:
             some = with_carried(vehicles, options.carried)

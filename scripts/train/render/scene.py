@@ -128,17 +128,24 @@ def sample_view(rng: np.random.Generator, near_edge: bool, hard: bool = False) -
 
 
 def _clear(place: np.ndarray, heading: float, mesh_dims: np.ndarray, cars: list[PlacedCar], gap: float = 0.25) -> bool:
-    """Returns whether a car would be clear of the others (its outline's points outside their rectangles)."""
-    s = np.linspace(-0.5, 0.5, 7)
-    outline = np.array([(a, b) for a in s for b in (-0.5, 0.0, 0.5)]) * mesh_dims[:2]
-    cos, sin = np.cos(heading), np.sin(heading)
-    points = outline @ np.array([[cos, sin], [-sin, cos]]) + place
-    for car in cars:
-        local = (points - car.world_from_car[:2, 3]) @ car.world_from_car[:2, :2]
-        half = car.gpu.mesh.dims[:2] / 2 + gap
-        if np.any(np.all(np.abs(local) < half, axis=1)):
-            return False
-    return True
+    """Returns whether a vehicle would be clear of the others.
+
+    Points of either outline are outside the other's rectangle. One direction is not enough: a car fits between the
+    points of a lorry.
+    """
+    own = world_from_car(place[0], place[1], heading)
+    return not any(
+        _enters(own, mesh_dims, car.world_from_car, car.gpu.mesh.dims, gap)
+        or _enters(car.world_from_car, car.gpu.mesh.dims, own, mesh_dims, gap)
+        for car in cars
+    )
+
+
+def _enters(pose: np.ndarray, dims: np.ndarray, other: np.ndarray, other_dims: np.ndarray, gap: float) -> bool:
+    """Returns whether points of a vehicle are inside the rectangle of another one, enlarged by `gap` (m)."""
+    outline = np.array([(a, b) for a in np.linspace(-0.5, 0.5, 7) for b in (-0.5, 0.0, 0.5)]) * dims[:2]
+    local = (outline @ pose[:2, :2].T + pose[:2, 3] - other[:2, 3]) @ other[:2, :2]
+    return bool(np.any(np.all(np.abs(local) < other_dims[:2] / 2 + gap, axis=1)))
 
 
 class SceneSampler:
@@ -154,7 +161,6 @@ class SceneSampler:
     ) -> tuple[Scene, Camera]:
         """Draws a scene around a target at a random heading."""
         camera, ground, _ = sample_view(rng, near_edge, views == "hard")
-        view_azimuth = np.arctan2(ground[1], ground[0])
         heading = rng.uniform(0, 2 * np.pi)
         first = PlacedCar(target, sample_car_appearance(rng), world_from_car(ground[0], ground[1], heading))
         cars = [first]
@@ -165,7 +171,7 @@ class SceneSampler:
         if views == "hidden":
             self._put_vehicle_before(rng, camera, ground, cars, self.heavy if rng.random() < HEAVY_SHARE else self.pool)
         elif occluded:
-            self._occlude(rng, camera, ground, view_azimuth, cars, props)
+            self._occlude(rng, camera, ground, cars, props)
         cars = [car for car in cars if car is first or np.linalg.norm(car.world_from_car[:3, 3] - [0, 0, camera.height_m]) > 4.5]
         light = sample_light(rng, self.environments)
         scene = Scene(cars, props, floor, light, np.array([ground[0], ground[1], 0.0]), shadow_reach_m=13.0)
@@ -295,16 +301,15 @@ class SceneSampler:
         rng: np.random.Generator,
         camera: Camera,
         place: np.ndarray,
-        azimuth: float,
         cars: list[PlacedCar],
         props: list[Prop],
     ) -> None:
         """Puts something between the camera and the target."""
-        toward = -np.array([np.cos(azimuth), np.sin(azimuth)])
-        across = np.array([-toward[1], toward[0]])
-        slope = camera.height_m / np.hypot(*place[:2])  # rise of a line of sight, metres per metre
         kind = rng.choice(["pole", "bush", "tree", "person", "car", "wall"], p=[0.16, 0.2, 0.12, 0.1, 0.34, 0.08])
-        aside = place[:2] + across * rng.normal(0, 1.3)
+        if kind == "car":
+            self._put_vehicle_before(rng, camera, place, cars, self.pool)
+            return
+        toward, aside, slope = _viewing_line(rng, camera, place)
         near = min(rng.uniform(2.6, 7), 0.5 * np.hypot(*place[:2]))
         low = min(near, 0.7 / slope + 2.2)
         if kind == "pole":
@@ -322,20 +327,15 @@ class SceneSampler:
                     tuple(aside + toward * max(low, 2.8)),
                     (rng.uniform(1, 5), 0.25, rng.uniform(0.6, 1.4)),
                     np.ones(3) * rng.uniform(0.1, 0.5),
-                    np.arctan2(across[1], across[0]) + rng.normal(0, 0.2),
+                    np.arctan2(toward[0], -toward[1]) + rng.normal(0, 0.2),
                 )
             )
-        else:
-            self._put_vehicle_before(rng, camera, place, cars, self.pool)
 
     def _put_vehicle_before(
         self, rng: np.random.Generator, camera: Camera, place: np.ndarray, cars: list[PlacedCar], pool: list[GpuCar]
     ) -> None:
         """Puts a vehicle between the camera and the target, which then hides the target from below."""
-        toward = -place[:2] / np.hypot(*place[:2])
-        across = np.array([-toward[1], toward[0]])
-        slope = camera.height_m / np.hypot(*place[:2])
-        aside = place[:2] + across * rng.normal(0, 1.3)
+        toward, aside, slope = _viewing_line(rng, camera, place)
         for _ in range(8):
             gpu = pool[rng.integers(len(pool))]
             far = max(2.4, min(6.5, (gpu.mesh.dims[2] - 0.5) / slope + 2.5))
@@ -343,16 +343,18 @@ class SceneSampler:
             angle = np.arctan2(*cars[0].world_from_car[1::-1, 0]) + rng.choice([0, np.pi, np.pi / 2, rng.uniform(0, 6)])
             is_heavy = gpu.mesh.body in ("truck", "bus")
             appearance = sample_heavy_appearance(rng) if is_heavy else sample_car_appearance(rng)
-            before = PlacedCar(gpu, appearance, world_from_car(*at, angle))
-            first = cars[0].world_from_car
-            first_heading = np.arctan2(first[1, 0], first[0, 0])
-            is_clear = _clear(at, angle, gpu.mesh.dims, cars[:1], 0.1) and _clear(
-                first[:2, 3], first_heading, cars[0].gpu.mesh.dims, [before], 0.1
-            )
-            if is_clear and np.hypot(*at) > gpu.mesh.dims[0] / 2 + 3.0:
+            if _clear(at, angle, gpu.mesh.dims, cars[:1], 0.1) and np.hypot(*at) > gpu.mesh.dims[0] / 2 + 3.0:
                 cars[1:] = [c for c in cars[1:] if _clear(at, angle, gpu.mesh.dims, [c], 0.1)]
-                cars.insert(1, before)
+                cars.insert(1, PlacedCar(gpu, appearance, world_from_car(*at, angle)))
                 break
+
+
+def _viewing_line(rng: np.random.Generator, camera: Camera, place: np.ndarray) -> tuple[np.ndarray, np.ndarray, float]:
+    """Returns the direction to the camera, a point beside the target, and the rise of the line of sight, m per m."""
+    away_m = np.hypot(*place[:2])
+    toward = -place[:2] / away_m
+    aside = place[:2] + np.array([-toward[1], toward[0]]) * rng.normal(0, 1.3)
+    return toward, aside, camera.height_m / away_m
 
 
 def tree(rng: np.random.Generator, at: tuple[float, float]) -> list[Prop]:

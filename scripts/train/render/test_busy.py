@@ -8,7 +8,7 @@ import numpy as np
 
 from roadplane_train.cars.heavy import sample_heavy
 from roadplane_train.cars.mesh import KEYPOINT_NAMES, CarMesh
-from roadplane_train.render.busy import Carried, changed_regions, with_carried
+from roadplane_train.render.busy import CARRIED_M, OffPlane, changed_regions, with_carried
 from roadplane_train.render.camera import Camera, world_from_car
 from roadplane_train.render.crops import in_world
 from roadplane_train.render.junction import WARM_S, Junction, touching
@@ -71,11 +71,12 @@ class Busy(unittest.TestCase):
             self.assertTrue((steps >= 0).all() and steps.max() < 2.0)
         self.assertEqual(vehicles[0].from_step, -round(WARM_S * 10))
         for share in (0.0, 0.2, 0.7, 1.0):
-            carried = [v for v in with_carried(vehicles, share) if isinstance(v, Carried)]
+            carried = [v for v in with_carried(vehicles, share) if isinstance(v, OffPlane)]
             self.assertAlmostEqual(len(carried), share * sum(v.kind == "car" for v in vehicles), delta=0.1 * len(vehicles))
-        there = next(v for v in vehicles if v.at(15.0) is not None)
-        raised = Carried(there).at(15.0).world_from_car - there.at(15.0).world_from_car
-        np.testing.assert_allclose(raised[2, 3], Carried.HEIGHT_M)
+        carried = [v for v in with_carried(vehicles, 1.0) if isinstance(v, OffPlane)]
+        there = next(v for v in carried if v.at(15.0) is not None)
+        raised = there.at(15.0).world_from_car - there.vehicle.at(15.0).world_from_car
+        np.testing.assert_allclose(raised[2, 3], CARRIED_M)
         np.testing.assert_allclose(np.delete(raised.ravel(), 11), 0)
-        gone = next(v for v in vehicles if v.at(15.0) is None)
-        self.assertIsNone(Carried(gone).at(15.0))
+        gone = next(v for v in carried if v.vehicle.at(15.0) is None)
+        self.assertIsNone(gone.at(15.0))

@@ -102,21 +102,21 @@ impl<const N: usize> BodyTypes<N> {
         if !options.steps.body_types || atlas.body_types.is_empty() {
             return Self(Vec::new());
         }
-        // The first modes alone cannot change the size of a car without its form.
-        let unknown_size_share = if N == ALL_MODES { UNKNOWN_SIZE_SHARE } else { 0.0 };
         let fine = options.atlas_residual_scale;
         let sd = SVector::<f64, N>::from_fn(|j, _| if j < MODES { 1.0 } else { fine });
-        let of_type = |body: &BodyType| {
-            let covariance = SMatrix::<f64, N, N>::from_fn(|i, j| sd[i] * sd[j] * body.covariance[(i, j)]);
-            let mean = SVector::<f64, N>::from_fn(|j, _| sd[j] * body.mean[j]);
-            Component::new((1.0 - unknown_size_share) * body.share, mean, covariance)
-        };
         let of_unknown_size = || {
             let by_size = by_log_size::<N>(atlas)? * UNKNOWN_SIZE_SD;
             let covariance = SMatrix::from_diagonal(&sd.component_mul(&sd)) + by_size * by_size.transpose();
-            Component::new(unknown_size_share, SVector::zeros(), covariance)
+            Component::new(UNKNOWN_SIZE_SHARE, SVector::zeros(), covariance)
         };
-        let unknown = if unknown_size_share > 0.0 { of_unknown_size() } else { None };
+        // The first modes alone cannot change the size of a car without its form.
+        let unknown = if N == ALL_MODES { of_unknown_size() } else { None };
+        let sized_share = if unknown.is_some() { 1.0 - UNKNOWN_SIZE_SHARE } else { 1.0 };
+        let of_type = |body: &BodyType| {
+            let covariance = SMatrix::<f64, N, N>::from_fn(|i, j| sd[i] * sd[j] * body.covariance[(i, j)]);
+            let mean = SVector::<f64, N>::from_fn(|j, _| sd[j] * body.mean[j]);
+            Component::new(sized_share * body.share, mean, covariance)
+        };
         Self(atlas.body_types.iter().filter_map(of_type).chain(unknown).collect())
     }
 
