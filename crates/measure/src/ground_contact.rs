@@ -61,10 +61,8 @@ pub struct GroundContact {
     pub pose: GroundPose,
     /// Covariance of (x, y, heading), m and rad.
     pub covariance: Matrix3<f64>,
-    /// Length, width and height, m.
-    pub dims_m: Vector3<f64>,
-    /// Sds of length, width and height, m.
-    pub dims_sd_m: Vector3<f64>,
+    /// Length, width and height (m) and their sds (m).
+    pub dims_m: [Vector3<f64>; 2],
 }
 
 /// Estimates a vehicle's pose and size from its box.
@@ -260,8 +258,7 @@ fn mixture(fits: &[Fit]) -> Option<GroundContact> {
     Some(GroundContact {
         pose: GroundPose { x_m: mean[0], y_m: mean[1], heading_rad },
         covariance,
-        dims_m: Vector3::new(mean[2], mean[3], mean[4]),
-        dims_sd_m: Vector3::new(spread[(2, 2)], spread[(3, 3)], spread[(4, 4)]).map(f64::sqrt),
+        dims_m: [mean.fixed_rows::<3>(2).into_owned(), spread.diagonal().fixed_rows::<3>(2).map(f64::sqrt)],
     })
 }
 

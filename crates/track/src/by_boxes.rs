@@ -10,12 +10,12 @@
 
 use nalgebra::{Matrix5, SMatrix, SVector, Vector3, Vector4, Vector5};
 use roadplane_base::{FrameStamp, GroundPose, VehicleClass, upper_median};
-use roadplane_measure::{EDGE_SD_PX, EDGE_SD_SHARE, Edge, LEAST_M, OUTLINE_SD, OUTWARD, REACH, STEP};
+use roadplane_measure::{Body, EDGE_SD_PX, EDGE_SD_SHARE, Edge, LEAST_M, OUTLINE_SD, OUTWARD, REACH, STEP};
 
 use crate::{
     Scene,
     chain::Blocks,
-    measurement::{Sighting, Size},
+    measurement::Sighting,
     noise::COMMON_SHARE,
     vehicle::{Node, State, Vehicle, origin},
 };
@@ -97,16 +97,6 @@ impl Look {
     }
 }
 
-/// The prior of a vehicle's body.
-pub(crate) struct Body {
-    /// Class of the vehicle.
-    pub class: VehicleClass,
-    /// Prior of the size.
-    pub known: Size,
-    /// Length, width and height from which the solution starts, m.
-    pub start_m: Vector3<f64>,
-}
-
 /// The least-squares problem of one vehicle.
 pub(crate) struct ByBoxes<'a, S> {
     /// Nodes of the path, with the poses that were measured there.
@@ -115,6 +105,8 @@ pub(crate) struct ByBoxes<'a, S> {
     pub looks: &'a [Option<Look>],
     /// Prior of the body.
     pub body: &'a Body,
+    /// Length, width and height from which the solution starts, m.
+    pub start_m: Vector3<f64>,
     /// Scene that projects the body into the picture.
     pub scene: &'a S,
     /// Distance from the rear axle to the vehicle's origin, m.
@@ -128,7 +120,7 @@ pub(crate) struct Solved {
     /// Covariance of each state, all other unknowns being uncertain.
     pub covariances: Vec<Matrix5<f64>>,
     /// Size of the vehicle.
-    pub size: Size,
+    pub body: Body,
 }
 
 /// Normal equations of the chain of states and the shared unknowns.
@@ -149,7 +141,7 @@ impl<S: Scene> ByBoxes<'_, S> {
     pub(crate) fn solve(&self, start: Vec<State>) -> Option<Solved> {
         let mut states = start;
         let mut shared = Shared::zeros();
-        shared.fixed_rows_mut::<3>(0).copy_from(&self.body.start_m);
+        shared.fixed_rows_mut::<3>(0).copy_from(&self.start_m);
         for ease in EASED {
             (states, shared) = self.descend(states, shared, ease)?;
         }
@@ -161,7 +153,8 @@ impl<S: Scene> ByBoxes<'_, S> {
         Some(Solved {
             states,
             covariances,
-            size: Size {
+            body: Body {
+                class: self.body.class,
                 dims_m: shared.fixed_rows::<3>(0).into_owned(),
                 covariance: shared_covariance.fixed_view::<3, 3>(0, 0).into_owned(),
             },
@@ -218,7 +211,7 @@ impl<S: Scene> ByBoxes<'_, S> {
 
     /// Returns mean and precision of the prior of the shared unknowns.
     fn prior(&self) -> Option<(Shared, SMatrix<f64, SHARED, SHARED>)> {
-        let Size { dims_m, covariance } = &self.body.known;
+        let Body { dims_m, covariance, .. } = self.body;
         let mut about = Shared::zeros();
         about.fixed_rows_mut::<3>(0).copy_from(dims_m);
         let mut precision = SMatrix::<f64, SHARED, SHARED>::from_diagonal_element(OUTLINE_SD.powi(-2));

@@ -4,15 +4,15 @@ use std::collections::BTreeSet;
 
 use nalgebra::{Vector2, Vector3};
 use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass};
+use roadplane_measure::{Body, GroundContact, Knowledge, body_of};
 
 use crate::{
-    BoxSighting, Evidence, ExpectedVehicle, Join, Placed, Track, TrackOptions, TrackState,
+    BoxSighting, Evidence, Join, Track, TrackOptions, TrackState,
     box_motion::COAST_S,
-    by_boxes::Body,
     duplicates::{merge_duplicates, merge_smoothed},
     frames::{BoxesByFrame, Frames},
     link::link,
-    measurement::{Sighting, Size},
+    measurement::Sighting,
     parts::parts,
     placed_boxes::add_boxes,
     raw_track::{FEWEST, Link, RawTrack},
@@ -30,14 +30,14 @@ const HALF_WHEELBASE_SHARE: f64 = 0.25;
 
 /// Knowledge of the scene, beyond the detections. It converts between boxes and poses.
 pub trait Scene {
-    /// Returns the size of vehicles of a class, with this shape for cars; `None` without a model of bodies.
-    fn size(&self, _class: VehicleClass, _shape: &Shape) -> Option<Size> {
-        None
+    /// Returns the size of vehicles of a class, with this shape for cars.
+    fn body(&self, class: VehicleClass, _shape: &Shape) -> Body {
+        body_of(class)
     }
 
-    /// Returns length, width and height of the site's mean car, m; `None` without a model of bodies.
-    fn mean_car(&self) -> Option<Vector3<f64>> {
-        None
+    /// Returns length, width and height of the site's mean car, m.
+    fn mean_car(&self) -> Vector3<f64> {
+        body_of(VehicleClass::Car).dims_m
     }
 
     /// Returns the box in which such a vehicle would be visible, px; `None` where it is not in front of the camera.
@@ -52,12 +52,12 @@ pub trait Scene {
     }
 
     /// Returns the pose and size that a vehicle would have if a box of this frame were its own.
-    fn place(&self, stamp: &FrameStamp, seen: &BoxSighting, vehicle: &ExpectedVehicle) -> Option<Placed>;
+    fn place(&self, stamp: &FrameStamp, seen: &BoxSighting, vehicle: &Knowledge) -> Option<GroundContact>;
 }
 
 /// A scene without knowledge: boxes give no poses.
 impl Scene for () {
-    fn place(&self, _: &FrameStamp, _: &BoxSighting, _: &ExpectedVehicle) -> Option<Placed> {
+    fn place(&self, _: &FrameStamp, _: &BoxSighting, _: &Knowledge) -> Option<GroundContact> {
         None
     }
 }
@@ -168,9 +168,8 @@ impl<S: Scene> Completion<'_, S> {
     /// detection, m.
     fn evidence(&self, raw: &RawTrack, at: impl Fn(&Sighting) -> Option<Vector2<f64>>) -> Option<Evidence> {
         let (class, shape) = (raw.class(), raw.shape.fused().mean);
-        let dims_m = raw.dims_m().or_else(|| Some(self.scene.size(class, &shape)?.dims_m));
-        let above_car_m = dims_m.zip(self.scene.mean_car()).map_or(0.0, |(dims_m, car_m)| dims_m.z - car_m.z);
-        Evidence::of(&raw.observations, at, class, above_car_m)
+        let dims_m = raw.dims_m().unwrap_or_else(|| self.scene.body(class, &shape).dims_m);
+        Evidence::of(&raw.observations, at, class, dims_m.z - self.scene.mean_car().z)
     }
 
     /// Smooths tracks, and judges which ones are vehicles. Tracks without enough detections are dropped.
@@ -226,16 +225,25 @@ impl<S: Scene> Completion<'_, S> {
         let (class, dims_m, shape) = (raw.class(), raw.dims_m(), raw.shape.fused());
         let joins = self.joins(&raw);
         let track = Track { id: 0, class, dims_m, dims_covariance: None, states, shape, evidence, joins };
-        let size = self.scene.size(class, &shape.mean).filter(|_| self.options.steps.by_boxes);
-        let by_boxes = size.and_then(|size| {
-            let body = Body { class, known: size, start_m: dims_m.unwrap_or(size.dims_m) };
-            let Frames { stamps, times_s, .. } = self.frames;
-            smooth_by_boxes(&raw.observations, stamps, times_s, half_wheelbase_m(&raw), &body, self.scene)
-        });
-        match by_boxes {
-            Some((states, size)) => Track {
-                dims_m: dims_m.map(|_| size.dims_m),
-                dims_covariance: dims_m.map(|_| size.covariance),
+        if !self.options.steps.by_boxes {
+            return track;
+        }
+        let body = self.scene.body(class, &shape.mean);
+        let start_m = dims_m.unwrap_or(body.dims_m);
+        let Frames { stamps, times_s, .. } = self.frames;
+        let half_wheelbase_m = half_wheelbase_m(&raw);
+        match smooth_by_boxes(
+            &raw.observations,
+            stamps,
+            times_s,
+            half_wheelbase_m,
+            &body,
+            start_m,
+            self.scene,
+        ) {
+            Some((states, body)) => Track {
+                dims_m: dims_m.map(|_| body.dims_m),
+                dims_covariance: dims_m.map(|_| body.covariance),
                 states,
                 ..track
             },

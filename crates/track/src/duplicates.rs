@@ -4,6 +4,7 @@ use nalgebra::Vector3;
 
 use crate::{
     TrackState,
+    filter::MOTION_S,
     measurement::Sighting,
     raw_track::{FEWEST, Link, RawTrack, in_one_place, same_car},
 };
@@ -11,7 +12,7 @@ use crate::{
 /// Share of the weaker track's detections during the stronger track's life that must coincide, 0–1.
 const MIN_SHARED: f64 = 0.5;
 /// Longest time between two detections that are compared, s.
-const NEAR_S: f64 = 0.5;
+const NEAR_S: f64 = MOTION_S / 2.0;
 
 /// Keeps the stronger of two tracks of one car. The weaker fills its gaps and extends it at both ends.
 pub(crate) fn merge_duplicates(tracks: Vec<RawTrack>) -> Vec<RawTrack> {

@@ -17,8 +17,8 @@ pub(crate) const ALONE: f64 = 0.9;
 const MIN_OVERLAP: f64 = 0.25;
 /// Share by which a detection moves an edge of a stationary car's box inwards, 0–1.
 const INWARD: f64 = 0.1;
-/// Sd from which on a position says little, m. The boxes must then overlap by `TOUCHING`.
-const VAGUE_M: f64 = 1.5;
+/// Half the width of a lane, m. A position with a larger sd says little, and boxes must then overlap by `TOUCHING`.
+pub(crate) const HALF_LANE_M: f64 = 1.5;
 /// Least overlap (IoU) of boxes where the position is vague, or where the time stamp may be wrong.
 pub(crate) const TOUCHING: f64 = 0.05;
 /// Overlap (IoU) of boxes that makes a pair, even where the pose is wrong.
@@ -114,7 +114,7 @@ impl Expected {
             return f64::INFINITY;
         }
         // A detection with a vague position is near to everything.
-        let is_near = distance < GATE && (spread < VAGUE_M || overlap > TOUCHING);
+        let is_near = distance < GATE && (spread < HALF_LANE_M || overlap > TOUCHING);
         if is_near || overlap > SURE_OVERLAP { 0.5 * near + 0.5 * (1.0 - overlap) } else { f64::INFINITY }
     }
 

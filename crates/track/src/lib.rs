@@ -69,8 +69,7 @@ pub use complete::{Scene, Tracks};
 pub use existence::Evidence;
 pub use join::Join;
 pub use measurement::{
-    BoxSighting, CarMeasurement, ExpectedVehicle, FrameMeasurements, HeldCar, Placed, SeenAgain, ShapeBelief,
-    Size, Track, TrackState,
+    BoxSighting, CarMeasurement, FrameMeasurements, HeldCar, SeenAgain, ShapeBelief, Track, TrackState,
 };
 pub use numbers::{FEATURES, JOIN_FEATURES};
 pub use options::TrackOptions;

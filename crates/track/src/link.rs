@@ -29,7 +29,7 @@ use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 use roadplane_base::{assign, fold_axis, upper_median};
 
 use crate::{
-    expected::HIDDEN_S,
+    expected::{HALF_LANE_M, HIDDEN_S},
     filter::{ACCELERATION_POWER, MOTION_S, SPEED_SD, STANDING_SPEED_SD, STILL_M},
     measurement::Sighting,
     noise::COMMON_SHARE,
@@ -50,8 +50,6 @@ const SHARES: [f64; 3] = [0.4, 0.45, 0.15];
 const CREEP_MPS: f64 = 2.5;
 /// Density of vehicles that appear anywhere, per m².
 const APPEARS: f64 = 2e-5;
-/// Sd of the distance at which tracklets begin at one place, m: half the width of a lane.
-const PLACE_M: f64 = 1.5;
 /// Sd of the logarithm of a vehicle's size (box diagonal times distance), seen from one view.
 const SIZE_SD: f64 = 0.15;
 /// Sd of the logarithm of a vehicle's size (box diagonal times distance), seen from different views.
@@ -114,7 +112,8 @@ impl Arrivals {
 
     /// Returns the density of a driving vehicle that appears where another tracklet begins, per m².
     fn near(start: &End, at: &End) -> f64 {
-        let spread = start.place_covariance() + at.place_covariance() + Matrix2::identity() * PLACE_M.powi(2);
+        let spread =
+            start.place_covariance() + at.place_covariance() + Matrix2::identity() * HALF_LANE_M.powi(2);
         (1.0 - start.stands) * density(&(start.place() - at.place()), &spread)
     }
 

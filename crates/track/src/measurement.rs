@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Matrix6, Vector3};
 use roadplane_base::{CarRef, FrameStamp, GroundPose, Shape, VehicleClass};
-use roadplane_measure::either;
+use roadplane_measure::{GroundContact, either};
 
 use crate::{Evidence, Join};
 
@@ -147,41 +147,6 @@ impl BoxSighting {
     }
 }
 
-/// The size of a vehicle, as a Gaussian.
-#[derive(Clone, Copy, Debug)]
-pub struct Size {
-    /// Length, width and height, m.
-    pub dims_m: Vector3<f64>,
-    /// Covariance of length, width and height, m².
-    pub covariance: Matrix3<f64>,
-}
-
-/// A vehicle that was placed on the ground by its box.
-#[derive(Clone, Copy, Debug)]
-pub struct Placed {
-    /// Pose of the vehicle on the ground. Its heading may be wrong by π.
-    pub pose: GroundPose,
-    /// Covariance of (x, y, heading), m and rad.
-    pub covariance: Matrix3<f64>,
-    /// Length, width and height (m) and their sds (m).
-    pub dims_m: [Vector3<f64>; 2],
-}
-
-/// The properties of a vehicle that is expected in a frame.
-#[derive(Clone, Copy, Debug)]
-pub struct ExpectedVehicle {
-    /// Class of the vehicle.
-    pub class: VehicleClass,
-    /// Length, width and height, m, of a vehicle that is no car.
-    pub dims_m: Option<Vector3<f64>>,
-    /// Shape coefficients of a car, without unit.
-    pub shape: Shape,
-    /// Heading of the vehicle, rad. It may be wrong by π.
-    pub heading_rad: f64,
-    /// Sd of the heading, rad. π/2 means that neither the heading nor the size has been estimated.
-    pub heading_sd_rad: f64,
-}
-
 /// All cars that were fitted in one frame. A frame without cars counts as a frame, too.
 #[derive(Clone, Debug)]
 pub struct FrameMeasurements {
@@ -257,8 +222,8 @@ impl Sighting {
 
     /// Creates a detection from a box and the pose at which the box places the vehicle. `time_s` counts from the first
     /// frame.
-    pub(crate) fn by_box(seen: &BoxSighting, placed: &Placed, frame: usize, time_s: f64) -> Self {
-        let Placed { pose, covariance, .. } = *placed;
+    pub(crate) fn by_box(seen: &BoxSighting, placed: &GroundContact, frame: usize, time_s: f64) -> Self {
+        let GroundContact { pose, covariance, .. } = *placed;
         Self {
             frame,
             time_s,

@@ -3,14 +3,12 @@
 //! A chain of boxes that precedes or follows a tracklet is placed as that vehicle. Any other chain has the heading of
 //! its path, if its boxes show one. Linking decides which vehicle a chain belongs to.
 
-use std::f64::consts::FRAC_PI_2;
-
 use nalgebra::{Matrix2, Vector2, Vector3};
 use roadplane_base::{Shape, VehicleClass};
-use roadplane_measure::HEADING_SD_RAD;
+use roadplane_measure::{Body, GroundContact, HEADING_SD_RAD, Knowledge, body_of};
 
 use crate::{
-    BoxSighting, ExpectedVehicle, Placed, Scene,
+    BoxSighting, Scene,
     expected::SURE_OVERLAP,
     filter::MOTION_S,
     frames::{BoxesByFrame, Frames},
@@ -59,13 +57,7 @@ fn of_vehicle(
     frames: &Frames,
     scene: &impl Scene,
 ) -> Vec<Sighting> {
-    let vehicle = ExpectedVehicle {
-        class: track.class(),
-        dims_m: track.dims_m(),
-        shape: track.shape.fused().mean,
-        heading_rad: 0.0,
-        heading_sd_rad: 0.0,
-    };
+    let body = body(track.class(), track.dims_m(), &track.shape.fused().mean, scene);
     let places: Vec<[f64; 3]> =
         track.observations.iter().map(|seen| [seen.time_s, seen.pose.x, seen.pose.y]).collect();
     let heading = |time_s: f64| {
@@ -73,22 +65,21 @@ fn of_vehicle(
         let driven = way(&places, near.time_s).map(|way| [way, HEADING_SD_RAD]);
         Some(driven.unwrap_or([near.pose.z, near.covariance[(2, 2)].sqrt()]))
     };
-    sightings(boxes, &vehicle, heading, frames, scene)
+    sightings(boxes, &body, heading, frames, scene)
+}
+
+/// Returns the body of a vehicle: its size is `dims_m` (m) where that is given, else that of a car with this shape.
+fn body(class: VehicleClass, dims_m: Option<Vector3<f64>>, shape: &Shape, scene: &impl Scene) -> Body {
+    Body { dims_m: dims_m.unwrap_or_else(|| scene.body(class, shape).dims_m), ..body_of(class) }
 }
 
 /// Returns the tracklet of a chain without a tracklet; `None` where the camera cannot see it on the ground.
 fn alone(chain: &Chain, frames: &Frames, scene: &impl Scene) -> Option<RawTrack> {
     let boxes = &chain.boxes;
-    let mut vehicle = ExpectedVehicle {
-        class: class(boxes),
-        dims_m: None,
-        shape: Shape::zeros(),
-        heading_rad: 0.0,
-        heading_sd_rad: FRAC_PI_2,
-    };
-    let about: Vec<(&(usize, BoxSighting), Placed)> = (boxes.iter())
-        .filter_map(|one| Some((one, place(one.0, &one.1, &vehicle, frames, scene)?)))
-        .collect();
+    let class = class(boxes);
+    let label = Knowledge::Label(class);
+    let about: Vec<(&(usize, BoxSighting), GroundContact)> =
+        (boxes.iter()).filter_map(|one| Some((one, place(one.0, &one.1, &label, frames, scene)?))).collect();
     let time_s = |frame: usize| frames.times_s[frame];
     let places: Vec<[f64; 3]> =
         about.iter().map(|((frame, _), at)| [time_s(*frame), at.pose.x_m, at.pose.y_m]).collect();
@@ -98,25 +89,24 @@ fn alone(chain: &Chain, frames: &Frames, scene: &impl Scene) -> Option<RawTrack>
         if chain.goes_on() { places.iter().filter_map(way_at).collect() } else { Vec::new() };
     let dims: Vec<[Vector3<f64>; 2]> = about.iter().map(|(_, at)| at.dims_m).collect();
     if ways.is_empty() {
-        let sighting = |((frame, seen), at): &(&(usize, BoxSighting), Placed)| {
+        let sighting = |((frame, seen), at): &(&(usize, BoxSighting), GroundContact)| {
             Sighting::by_box(seen, at, *frame, time_s(*frame))
         };
         return RawTrack::by_boxes(about.iter().map(sighting).collect(), boxes, &dims);
     }
-    if vehicle.class != VehicleClass::Car {
-        vehicle.dims_m = RawTrack::mean_dims_m(&dims);
-    }
+    let dims_m = if class == VehicleClass::Car { None } else { RawTrack::mean_dims_m(&dims) };
+    let body = body(class, dims_m, &Shape::zeros(), scene);
     let heading = |time_s: f64| {
         let [_, way] = *nearest(&ways, time_s, |way| way[0])?;
         Some([way, HEADING_SD_RAD])
     };
-    RawTrack::by_boxes(sightings(boxes, &vehicle, heading, frames, scene), boxes, &dims)
+    RawTrack::by_boxes(sightings(boxes, &body, heading, frames, scene), boxes, &dims)
 }
 
 /// Places boxes of a vehicle on the ground. `heading` returns its heading at a time (s) and the sd of the heading, rad.
 fn sightings(
     boxes: &[(usize, BoxSighting)],
-    vehicle: &ExpectedVehicle,
+    body: &Body,
     heading: impl Fn(f64) -> Option<[f64; 2]>,
     frames: &Frames,
     scene: &impl Scene,
@@ -124,7 +114,7 @@ fn sightings(
     let of_box = |(frame, seen): &(usize, BoxSighting)| {
         let time_s = frames.times_s[*frame];
         let [heading_rad, heading_sd_rad] = heading(time_s)?;
-        let vehicle = ExpectedVehicle { heading_rad, heading_sd_rad, ..*vehicle };
+        let vehicle = Knowledge::Track { body: *body, heading_rad, heading_sd_rad };
         let placed = place(*frame, seen, &vehicle, frames, scene)?;
         Some(Sighting::by_box(seen, &placed, *frame, time_s))
     };
@@ -135,10 +125,10 @@ fn sightings(
 fn place(
     frame: usize,
     seen: &BoxSighting,
-    vehicle: &ExpectedVehicle,
+    vehicle: &Knowledge,
     frames: &Frames,
     scene: &impl Scene,
-) -> Option<Placed> {
+) -> Option<GroundContact> {
     let placed = scene.place(&frames.stamps[frame], seen, vehicle)?;
     placed.covariance.cholesky().is_some().then_some(placed)
 }

@@ -2,11 +2,12 @@
 
 use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{FrameStamp, VehicleClass};
+use roadplane_measure::Body;
 
 use crate::{
     Scene, TrackState,
-    by_boxes::{Body, ByBoxes, Look},
-    measurement::{Sighting, Size},
+    by_boxes::{ByBoxes, Look},
+    measurement::Sighting,
     parked::stand,
     stops::{close_gaps, runs},
     vehicle::Node,
@@ -25,8 +26,9 @@ pub(crate) fn smooth_by_boxes(
     times_s: &[f64],
     half_wheelbase_m: f64,
     body: &Body,
+    start_m: Vector3<f64>,
     scene: &impl Scene,
-) -> Option<(Vec<TrackState>, Size)> {
+) -> Option<(Vec<TrackState>, Body)> {
     let by_box = |seen: &Sighting| !seen.held && (seen.from_box || body.class != VehicleClass::Car);
     let by_pose = |seen: &Sighting| !seen.held && !by_box(seen);
     if !sightings.iter().any(by_box) {
@@ -62,25 +64,24 @@ pub(crate) fn smooth_by_boxes(
         let nodes: Vec<Node> = places.iter().zip(measured).map(node).collect();
         let start =
             places.iter().map(|place| before.state_at(place.span_s[0])).collect::<Option<Vec<_>>>()?;
-        let body = Body { start_m, ..*body };
-        let solved =
-            ByBoxes { nodes: &nodes, looks: &looks, body: &body, scene, half_wheelbase_m }.solve(start)?;
+        let problem = ByBoxes { nodes: &nodes, looks: &looks, body, start_m, scene, half_wheelbase_m };
+        let solved = problem.solve(start)?;
         let way = Way { places, nodes: solved.states, covariances: solved.covariances, ..*before };
-        Some((way, solved.size))
+        Some((way, solved.body))
     };
     // First assume that it drove in every measured frame: the whole path determines speeds better than one second of it
     // does.
     let mut moving: Vec<bool> = sightings.iter().map(|seen| !seen.held).collect();
     close_gaps(&mut moving, sightings);
-    let (drive, size) = solve(&by_poses, &moving, body.start_m)?;
+    let (drive, found) = solve(&by_poses, &moving, start_m)?;
     for (seen, moving) in sightings.iter().zip(&mut moving) {
         *moving &= drive.state_at(seen.time_s)?[3].abs() >= STANDING_MPS;
     }
     close_gaps(&mut moving, sightings);
-    let (way, size) = solve(&drive, &moving, size.dims_m)?;
+    let (way, found) = solve(&drive, &moving, found.dims_m)?;
     let states = way.states(sightings, stamps, |place| {
         let is_measured = sightings[place.sightings.clone()].iter().any(by_pose);
         if is_measured { place.bias(sightings, way.noise) } else { Matrix3::zeros() }
     });
-    Some((states, size))
+    Some((states, found))
 }

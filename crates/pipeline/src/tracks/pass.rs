@@ -2,8 +2,10 @@
 
 use std::collections::BTreeMap;
 
+use nalgebra::Matrix3;
 use roadplane_base::{
-    CarRecord, CarRef, FrameRecord, FrameStamp, PoseRecord, ShapeAtlas, VehicleClass, bbox_part_seen,
+    CarRecord, CarRef, FrameRecord, FrameStamp, GroundPose, PoseRecord, ShapeAtlas, VehicleClass,
+    bbox_part_seen,
 };
 use roadplane_geo::Place;
 use roadplane_measure::{
@@ -139,9 +141,9 @@ impl Pass<'_> {
                 let known = known.and_then(|known| known.get(&CarRef { frame: frame.frame, car: index }));
                 // The net finds a car's keypoints in a truck, too.
                 let is_car = known.is_none_or(|known| known.vehicle.class == VehicleClass::Car);
-                let by_keypoints = fit.as_ref().filter(|_| reason.is_none() && is_car);
-                let measured = by_keypoints
-                    .map(|fit| measurement(fit, record, index, self.any_car, known))
+                let usable = fit.as_ref().filter(|_| reason.is_none() && is_car);
+                let measured = usable
+                    .map(|fit| by_keypoints(fit, record, index, self.any_car, known))
                     .or_else(|| self.by_box(record, index, &frame, hidden, &view, known));
                 match measured {
                     Some(measured) => {
@@ -212,22 +214,8 @@ impl Pass<'_> {
             None => Knowledge::Label(record.class),
         };
         let found = ground_contact(&record.bbox_px, &frame.picture_px(), hidden, view, &knowledge)?;
-        Some(CarMeasurement {
-            pose: found.pose,
-            covariance: found.covariance,
-            bbox_px: record.bbox_px,
-            score: record.score,
-            class: record.class,
-            shape_before: ShapeBelief::default(),
-            shape: ShapeBelief::default(),
-            car,
-            from_box: true,
-            cut: [false; 4],
-            hidden: [false; 4],
-            known: false,
-            dims_m: Some([found.dims_m, found.dims_sd_m]),
-            fit_rms_share: None,
-        })
+        let measured = measurement(found.pose, found.covariance, record, car);
+        Some(CarMeasurement { dims_m: Some(found.dims_m), ..measured })
     }
 
     /// Builds the detection of a box that may be a vehicle; `car` is its index in the frame's cars, if it is one of them.
@@ -265,7 +253,7 @@ fn append(tracks: &mut Vec<Track>, later: Vec<Track>) {
 }
 
 /// Builds the measurement of a car from its keypoints. If the car is known, its shape was fixed.
-fn measurement(
+fn by_keypoints(
     fit: &CarFit,
     record: &CarRecord,
     car: usize,
@@ -280,16 +268,22 @@ fn measurement(
             (before, fit.car.shape_covariance.try_inverse().map_or(before, after))
         }
     };
+    let measured = measurement(fit.car.ground, fit.car.ground_covariance, record, car);
+    CarMeasurement { class: VehicleClass::Car, shape_before, shape, from_box: false, ..measured }
+}
+
+/// Builds the measurement of a whole vehicle by its box.
+fn measurement(pose: GroundPose, covariance: Matrix3<f64>, record: &CarRecord, car: usize) -> CarMeasurement {
     CarMeasurement {
-        pose: fit.car.ground,
-        covariance: fit.car.ground_covariance,
+        pose,
+        covariance,
         bbox_px: record.bbox_px,
         score: record.score,
-        class: VehicleClass::Car,
-        shape_before,
-        shape,
+        class: record.class,
+        shape_before: ShapeBelief::default(),
+        shape: ShapeBelief::default(),
         car,
-        from_box: false,
+        from_box: true,
         cut: [false; 4],
         hidden: [false; 4],
         known: false,

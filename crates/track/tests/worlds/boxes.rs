@@ -2,10 +2,10 @@
 
 use nalgebra::{Matrix3, Vector2, Vector3};
 use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass};
+use roadplane_measure::{Body, GroundContact, Knowledge};
 use roadplane_synth::Rng;
 use roadplane_track::{
-    BoxSighting, CarMeasurement, ExpectedVehicle, FrameMeasurements, Placed, Scene, ShapeBelief, Size, Track,
-    TrackOptions, Tracker,
+    BoxSighting, CarMeasurement, FrameMeasurements, Scene, ShapeBelief, Track, TrackOptions, Tracker,
 };
 
 use crate::world::{Path, body_box, camera, pose, times};
@@ -17,12 +17,12 @@ const LORRY_M: Vector3<f64> = Vector3::new(9.5, 2.5, 3.4);
 struct Bodies;
 
 impl Scene for Bodies {
-    fn size(&self, class: VehicleClass, _: &Shape) -> Option<Size> {
+    fn body(&self, class: VehicleClass, _: &Shape) -> Body {
         let (dims_m, sd) = match class {
             VehicleClass::Car => (Vector3::new(4.5, 1.8, 1.5), Vector3::repeat(0.3)),
             _ => (Vector3::new(7.5, 2.4, 3.0), Vector3::new(2.5, 0.2, 0.6)),
         };
-        Some(Size { dims_m, covariance: Matrix3::from_diagonal(&sd.component_mul(&sd)) })
+        Body { class, dims_m, covariance: Matrix3::from_diagonal(&sd.component_mul(&sd)) }
     }
 
     fn body_px(
@@ -35,7 +35,7 @@ impl Scene for Bodies {
         body_box(pose, dims_m)
     }
 
-    fn place(&self, _: &FrameStamp, _: &BoxSighting, _: &ExpectedVehicle) -> Option<Placed> {
+    fn place(&self, _: &FrameStamp, _: &BoxSighting, _: &Knowledge) -> Option<GroundContact> {
         None
     }
 }

@@ -1,10 +1,11 @@
 //! Weak boxes, of which the detector is uncertain.
 
+use std::f64::consts::FRAC_PI_2;
+
 use nalgebra::{Matrix3, Vector2, Vector3};
 use roadplane_base::{FrameStamp, GroundPose, VehicleClass};
-use roadplane_track::{
-    BoxSighting, ExpectedVehicle, FrameMeasurements, Placed, Scene, Track, TrackOptions, Tracker,
-};
+use roadplane_measure::{GroundContact, Knowledge};
+use roadplane_track::{BoxSighting, FrameMeasurements, Scene, Track, TrackOptions, Tracker};
 
 use crate::world::{Path, Seeing, World, box_of, camera, parked, pose, straight, times};
 
@@ -12,14 +13,18 @@ use crate::world::{Path, Seeing, World, box_of, camera, parked, pose, straight, 
 struct OnTheGround;
 
 impl Scene for OnTheGround {
-    fn place(&self, _: &FrameStamp, seen: &BoxSighting, vehicle: &ExpectedVehicle) -> Option<Placed> {
+    fn place(&self, _: &FrameStamp, seen: &BoxSighting, vehicle: &Knowledge) -> Option<GroundContact> {
         let (camera, plane) = camera();
         let [x0, _, x1, y1] = seen.bbox_px;
         let foot = plane.world_from_pixel(&camera, &Vector2::new((x0 + x1) / 2.0, y1))?;
         let middle = foot * (1.0 + 1.0 / foot.norm());
-        let covariance = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, vehicle.heading_sd_rad.powi(2)));
+        let (heading_rad, sd_rad) = match vehicle {
+            Knowledge::Label(_) => (0.0, FRAC_PI_2),
+            Knowledge::Track { heading_rad, heading_sd_rad, .. } => (*heading_rad, *heading_sd_rad),
+        };
+        let covariance = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sd_rad.powi(2)));
         let dims_m = [Vector3::new(4.5, 1.8, 1.5), Vector3::repeat(0.3)];
-        Some(Placed { pose: pose(middle.x, middle.y, vehicle.heading_rad), covariance, dims_m })
+        Some(GroundContact { pose: pose(middle.x, middle.y, heading_rad), covariance, dims_m })
     }
 }
 
