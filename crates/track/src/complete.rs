@@ -21,10 +21,6 @@ use crate::{
     vehicle::HALF_WHEELBASE_M,
 };
 
-/// Log odds that boxes without a tracklet are a vehicle, beyond their evidence: most such boxes are none. Chosen on 25
-/// clips (`docs/book/science.md`).
-const BOXED_LOG_ODDS: f64 = -2.0;
-
 /// Distance from the rear axle to the centre of a vehicle that is no car, as a share of its length.
 const HALF_WHEELBASE_SHARE: f64 = 0.25;
 
@@ -149,11 +145,8 @@ impl<S: Scene> Completion<'_, S> {
             return tracklets;
         }
         let log_odds = |raw: &RawTrack| {
-            if !raw.is_boxed {
-                return None;
-            }
-            let evidence = self.evidence(raw, |seen| Some(seen.pose.xy()))?;
-            Some(evidence.log_odds() + BOXED_LOG_ODDS)
+            raw.is_boxed
+                .then(|| self.evidence(raw, |seen| Some(seen.pose.xy())).map(|found| found.log_odds()))?
         };
         link(tracklets, log_odds)
     }

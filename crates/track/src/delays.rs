@@ -8,7 +8,10 @@
 use nalgebra::{Matrix3, Vector2, Vector3};
 use roadplane_base::{bbox_centre, median};
 
-use crate::picture_chains::{Chain, size_px};
+use crate::{
+    picture_chains::{Chain, size_px},
+    stops::SIGNIFICANT,
+};
 
 /// Number of boxes before and after a box that show its path, at most and at least.
 const NEIGHBOURS: (usize, usize) = (8, 2);
@@ -16,17 +19,10 @@ const NEIGHBOURS: (usize, usize) = (8, 2);
 const PATH_S: f64 = 0.9;
 /// Least step to the farthest neighbour, in box sizes. A slower vehicle shows no delay.
 const LEAST_STEP_SIZES: f64 = 0.15;
-/// Number of standard errors by which the variance of the delays must differ from zero. With right time stamps, 21
-/// rendered clips and two real ones have at most 2.3.
-const SURE: f64 = 2.5;
 /// Least number of comparable boxes that show the error of a box.
 const LEAST_BOXES: usize = 20;
 /// Least share of a box's error that its distance from the mean of all boxes has.
 const LEAST_LEFT: f64 = 0.1;
-/// Least sd of a box's centre along its path, as a share of the box's size.
-const LEAST_BOX_SD: f64 = 0.005;
-/// Distance in sds at which the weight of a box is a half.
-const ROBUST_SDS: f64 = 3.0;
 /// Number of times that the weights are computed.
 const ROUNDS: usize = 4;
 /// Largest number of steps of the linear solver, and its relative accuracy.
@@ -68,7 +64,7 @@ impl Delays {
             leads.clear();
         }
         // The median of |x| of a normal distribution is 0.6745 sds.
-        let box_sd = median(&mut errors).map_or(0.0, |median| median / 0.6745).max(LEAST_BOX_SD);
+        let box_sd = median(&mut errors).map_or(0.0, |median| median / 0.6745).max(f64::EPSILON);
         Self { leads, frames: times_s.len(), box_sd }
     }
 
@@ -82,7 +78,7 @@ impl Delays {
                 .map(|lead| {
                     let box_sd_s = self.box_sd * lead.sd_per_share_s;
                     // All weights are full at first, as a long delay is no error of the boxes.
-                    let off = (lead.lead_s - lead.predicted(&delays)) / (ROBUST_SDS * box_sd_s);
+                    let off = (lead.lead_s - lead.predicted(&delays)) / (SIGNIFICANT * box_sd_s);
                     1.0 / (box_sd_s.powi(2) * if round == 0 { 1.0 } else { 1.0 + off * off })
                 })
                 .collect();
@@ -245,6 +241,7 @@ impl DelayVariance {
 
     /// Returns the sd of the delays, s; `None` if it may be zero.
     pub(crate) fn sd_s(&self) -> Option<f64> {
-        (self.covariance > SURE * self.by_chance.sqrt()).then(|| (self.covariance / self.weights).sqrt())
+        (self.covariance > SIGNIFICANT * self.by_chance.sqrt())
+            .then(|| (self.covariance / self.weights).sqrt())
     }
 }

@@ -15,8 +15,6 @@ pub(crate) const HIDDEN_S: f64 = 60.0;
 pub(crate) const ALONE: f64 = 0.9;
 /// Least overlap (IoU) of a stationary car's box with the box of a detection.
 const MIN_OVERLAP: f64 = 0.25;
-/// Share by which a detection moves an edge of a stationary car's box inwards, 0–1.
-const INWARD: f64 = 0.1;
 /// Half the width of a lane, m. A position with a larger sd says little, and boxes must then overlap by `TOUCHING`.
 pub(crate) const HALF_LANE_M: f64 = 1.5;
 /// Least overlap (IoU) of boxes where the position is vague, or where the time stamp may be wrong.
@@ -48,16 +46,10 @@ impl Expected {
     /// Adds a detection.
     pub(crate) fn add(&mut self, sighting: &Sighting) {
         self.filter.update(&sighting.pose, &sighting.covariance, sighting.time_s);
-        let (known_px, seen_px, goes_on) = (self.rest_px, sighting.bbox_px, sighting.goes_on());
-        self.rest_px = std::array::from_fn(|i| {
-            let (known, seen) = (known_px[i], seen_px[i]);
-            let outward = (seen < known) == (i < 2);
-            match (self.filter.is_still(), outward) {
-                (false, _) | (true, true) => seen,
-                (true, false) if goes_on[i] => known,
-                (true, false) => known + INWARD * (seen - known),
-            }
-        });
+        let (known_px, seen_px) = (self.rest_px, sighting.bbox_px);
+        // A part of a stationary vehicle may be hidden, so its box only grows.
+        let union = |i: usize| if i < 2 { known_px[i].min(seen_px[i]) } else { known_px[i].max(seen_px[i]) };
+        self.rest_px = if self.filter.is_still() { std::array::from_fn(union) } else { seen_px };
         self.motion.see(seen_px, sighting.time_s);
     }
 

@@ -12,8 +12,9 @@ use crate::box_motion::COAST_S;
 pub(crate) const ACCELERATION_POWER: f64 = 4.0;
 /// Sd of each velocity component of a vehicle, m/s.
 pub(crate) const SPEED_SD: f64 = 8.0;
-/// Sd of each velocity component of a stationary vehicle, m/s.
-pub(crate) const STANDING_SPEED_SD: f64 = 0.2;
+/// Sd of each velocity component that a stationary vehicle seems to have, m/s. Below this speed, boxes show no direction of
+/// travel, and a vehicle that they place counts as stationary.
+pub(crate) const STANDING_MPS: f64 = 0.2;
 /// Power of the axis' random turning, rad²/s.
 const TURN_POWER: f64 = 0.25;
 /// Power of the wandering of a parked car, m²/s. It allows for estimates that still settle.
@@ -148,7 +149,7 @@ impl Filter {
         let Prediction { covariance, .. } = self.standing(time_s);
         self.covariance = Matrix4::zeros();
         self.covariance.fixed_view_mut::<2, 2>(0, 0).copy_from(&covariance.fixed_view::<2, 2>(0, 0));
-        self.covariance.fixed_view_mut::<2, 2>(2, 2).fill_diagonal(STANDING_SPEED_SD * STANDING_SPEED_SD);
+        self.covariance.fixed_view_mut::<2, 2>(2, 2).fill_diagonal(STANDING_MPS * STANDING_MPS);
         self.state.fixed_rows_mut::<2>(2).fill(0.0);
         self.time_s = time_s;
     }

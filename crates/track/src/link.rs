@@ -30,12 +30,11 @@ use roadplane_base::{assign, fold_axis, upper_median};
 
 use crate::{
     expected::{HALF_LANE_M, HIDDEN_S},
-    filter::{ACCELERATION_POWER, MOTION_S, SPEED_SD, STANDING_SPEED_SD, STILL_M},
+    filter::{ACCELERATION_POWER, MOTION_S, SPEED_SD, STANDING_MPS, STILL_M},
     measurement::Sighting,
     noise::COMMON_SHARE,
     numbers::sigmoid,
     raw_track::{Link, RawTrack, VOTES},
-    shape::VIEW_TURN,
 };
 
 /// Share of vehicles that are stationary when they are first found, 0–1.
@@ -50,10 +49,8 @@ const SHARES: [f64; 3] = [0.4, 0.45, 0.15];
 const CREEP_MPS: f64 = 2.5;
 /// Density of vehicles that appear anywhere, per m².
 const APPEARS: f64 = 2e-5;
-/// Sd of the logarithm of a vehicle's size (box diagonal times distance), seen from one view.
-const SIZE_SD: f64 = 0.15;
-/// Sd of the logarithm of a vehicle's size (box diagonal times distance), seen from different views.
-const TURNED_SIZE_SD: f64 = 0.5;
+/// Sd of the logarithm of a vehicle's size (box diagonal times distance), as different views and hidden parts change it.
+const SIZE_SD: f64 = 0.5;
 /// Votes that each class has in advance, in the order of `VehicleClass::ALL`. Nets confuse cars, trucks and buses with
 /// each other, but hardly with motorcycles.
 const PRIOR_VOTES: [f64; VOTES] = [0.5, 0.5, 0.5, 0.0];
@@ -217,8 +214,6 @@ struct End {
     standing: f64,
     /// Density of its velocity among driving vehicles, (m/s)⁻².
     driving: f64,
-    /// Whether the picture cuts the vehicle off.
-    at_edge: bool,
     /// Logarithm of the vehicle's size: diagonal of the box (px) times the distance (m).
     log_size: f64,
     /// Votes for each class.
@@ -240,7 +235,7 @@ impl End {
         }
         let velocity = state.fixed_rows::<2>(2).into_owned();
         let spread = covariance.fixed_view::<2, 2>(2, 2).into_owned();
-        let [standing, driving] = [STANDING_SPEED_SD, SPEED_SD]
+        let [standing, driving] = [STANDING_MPS, SPEED_SD]
             .map(|sd| density(&velocity, &(spread + Matrix2::identity() * sd.powi(2))));
         let log_size = |o: &Sighting| {
             let [x0, y0, x1, y1] = o.bbox_px;
@@ -256,7 +251,6 @@ impl End {
             stands: if edge.held { 1.0 } else { stands },
             standing,
             driving,
-            at_edge: edge.cut.contains(&true),
             log_size: upper_median(&mut sizes, f64::total_cmp).unwrap_or_default(),
             votes: track.votes(),
         }
@@ -391,10 +385,7 @@ fn class_gain(end: &End, start: &End) -> f64 {
     (same / 0.6).ln().min(0.0)
 }
 
-/// Returns the log likelihood ratio of the sizes, at most 0. Different views show different sizes.
+/// Returns the log likelihood ratio of the sizes, at most 0.
 fn size_gain(end: &End, start: &End) -> f64 {
-    let turned = fold_axis(start.axis - end.axis).abs() > VIEW_TURN;
-    let sd = if turned || end.at_edge || start.at_edge { TURNED_SIZE_SD } else { SIZE_SD };
-    let off = (start.log_size - end.log_size) / sd;
-    -0.5 * (off * off).min(25.0)
+    -0.5 * ((start.log_size - end.log_size) / SIZE_SD).powi(2)
 }

@@ -10,12 +10,11 @@ use roadplane_measure::{Body, GroundContact, HEADING_SD_RAD, Knowledge, body_of}
 use crate::{
     BoxSighting, Scene,
     expected::SURE_OVERLAP,
-    filter::MOTION_S,
+    filter::{MOTION_S, STANDING_MPS},
     frames::{BoxesByFrame, Frames},
     measurement::Sighting,
     picture_chains::{Chain, chains},
     raw_track::{RawTrack, votes_of},
-    smooth_boxes::STANDING_MPS,
 };
 
 /// Adds tracklets, made of boxes that no given tracklet has. Boxes between the detections of a tracklet become

@@ -19,7 +19,7 @@ use crate::{CarMeasurement, ShapeBelief};
 /// Distance that the car moves before a new view begins, m.
 const VIEW_M: f64 = 2.0;
 /// Angle by which a vehicle turns before a new view begins, rad.
-pub(crate) const VIEW_TURN: f64 = 0.4;
+const VIEW_TURN: f64 = 0.4;
 
 /// Running sums of a track's evidence on its shape. Their size does not grow with the track's length.
 #[derive(Clone, Debug)]

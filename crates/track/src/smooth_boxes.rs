@@ -7,15 +7,13 @@ use roadplane_measure::Body;
 use crate::{
     Scene, TrackState,
     by_boxes::{ByBoxes, Look},
+    filter::STANDING_MPS,
     measurement::Sighting,
     parked::stand,
     stops::{close_gaps, runs},
     vehicle::Node,
     way::{Place, Way, per_view, places},
 };
-
-/// Speed below which a vehicle that boxes place counts as stationary, m/s. Below it, boxes show no direction of travel.
-pub(crate) const STANDING_MPS: f64 = 0.3;
 
 /// Returns the states and the size of a vehicle where boxes, and not keypoints, give its pose. For a vehicle that is no
 /// car they always do. Returns `None` if no pose comes from a box, or if boxes and path contradict each other. Also

@@ -7,7 +7,11 @@ use std::ops::Range;
 use nalgebra::Vector2;
 use roadplane_base::{bbox_centre, upper_median};
 
-use crate::{filter::MOTION_S, measurement::Sighting, noise::MIN_SIGHTINGS};
+use crate::{
+    filter::{MOTION_S, STILL_M},
+    measurement::Sighting,
+    noise::MIN_SIGHTINGS,
+};
 
 /// Consecutive detections, all driving or all stationary.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -18,10 +22,8 @@ pub(crate) struct Run {
     pub parked: bool,
 }
 
-/// Least motion over about one second that distinguishes a driving car from a parked one, m.
-const MIN_MOTION_M: f64 = 0.4;
 /// Least motion that is significant, in sds.
-const SIGNIFICANT: f64 = 3.0;
+pub(crate) const SIGNIFICANT: f64 = 3.0;
 
 /// Divides a track's detections, in the order of time. A track without noticeable motion is one stationary interval.
 pub(crate) fn find_runs(sightings: &[Sighting]) -> Vec<Run> {
@@ -29,13 +31,13 @@ pub(crate) fn find_runs(sightings: &[Sighting]) -> Vec<Run> {
     if n == 0 {
         return Vec::new();
     }
-    let moves_at = |i| moves(window(sightings, i), MIN_MOTION_M);
+    let moves_at = |i| moves(window(sightings, i), STILL_M);
     let mut moving: Vec<bool> = (0..n).map(moves_at).collect();
     close_gaps(&mut moving, sightings);
     // A stationary interval that creeps as a whole is slow driving.
     for run in runs(&moving).into_iter().filter(|run| run.parked) {
         let part = &sightings[run.sightings.clone()];
-        if seconds(part) > 3.0 && moves(part, 1.5 * MIN_MOTION_M) {
+        if moves(part, STILL_M) {
             moving[run.sightings].fill(true);
         }
     }

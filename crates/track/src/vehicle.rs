@@ -8,7 +8,7 @@
 //! y' − y − v̄ dt sin θ̄ ~ SLIP_M
 //! θ' − θ − v̄ κ̄ dt     ~ TURN
 //! v' − v              ~ SPEED_CHANGE
-//! κ' − κ              ~ CURVATURE_CHANGE, less for long vehicles
+//! κ' − κ              ~ CURVATURE_SD, less for long vehicles
 //! ```
 //!
 //! Each residual has the variance sd² dt, with the sd named after the tilde, plus a small floor (`STEP_FLOOR`). A
@@ -33,10 +33,8 @@ const TURN: f64 = 0.02;
 const SLIP_M: f64 = 0.05;
 /// Sd of the change of speed within 1 s, m/s. It grows with the square root of time.
 const SPEED_CHANGE: f64 = 1.0;
-/// Sd of the change of the curvature of a car's path within 1 s, 1/m. It grows with the square root of time.
-const CURVATURE_CHANGE: f64 = 0.1;
-/// Typical curvature (sd) of a car's path, 1/m.
-const CURVATURE_SD: f64 = 0.15;
+/// Sd of the curvature of a car's path, and of its change within 1 s, 1/m. The change grows with the square root of time.
+const CURVATURE_SD: f64 = 0.1;
 /// Distance from the rear axle to a car's origin, m.
 pub(crate) const HALF_WHEELBASE_M: f64 = 1.35;
 /// Sd of a stationary car's speed, m/s.
@@ -189,7 +187,7 @@ impl Vehicle<'_> {
 
     /// Returns the precisions of a step's residual over a time in s.
     fn step_precision(&self, dt: f64) -> State {
-        let sd = [SLIP_M, SLIP_M, TURN, SPEED_CHANGE, CURVATURE_CHANGE * self.bend()];
+        let sd = [SLIP_M, SLIP_M, TURN, SPEED_CHANGE, CURVATURE_SD * self.bend()];
         State::from_fn(|i, _| 1.0 / (sd[i] * sd[i] * dt + STEP_FLOOR[i] * STEP_FLOOR[i]))
     }
 }
