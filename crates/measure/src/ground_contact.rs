@@ -43,11 +43,11 @@ pub const HEADING_SD_RAD: f64 = 0.1;
 pub enum Knowledge {
     /// The detector's label.
     Label(VehicleClass),
-    /// Size and heading of its track.
+    /// Size and heading, from its track or its path.
     Track {
         /// Size of the vehicle.
         body: Body,
-        /// Heading, rad.
+        /// Heading, rad. It may be wrong by π.
         heading_rad: f64,
         /// Sd of the heading, rad.
         heading_sd_rad: f64,

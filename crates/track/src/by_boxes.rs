@@ -119,7 +119,7 @@ pub(crate) struct Solved {
     pub states: Vec<State>,
     /// Covariance of each state, all other unknowns being uncertain.
     pub covariances: Vec<Matrix5<f64>>,
-    /// Size of the vehicle.
+    /// Size of the vehicle with its covariance.
     pub body: Body,
 }
 

@@ -26,7 +26,7 @@ const HALF_WHEELBASE_SHARE: f64 = 0.25;
 
 /// Knowledge of the scene, beyond the detections. It converts between boxes and poses.
 pub trait Scene {
-    /// Returns the size of vehicles of a class, with this shape for cars.
+    /// Returns the body of vehicles of a class, for cars with this shape. By default, it is the mean body of the class.
     fn body(&self, class: VehicleClass, _shape: &Shape) -> Body {
         body_of(class)
     }
@@ -47,11 +47,11 @@ pub trait Scene {
         None
     }
 
-    /// Returns the pose and size that a vehicle would have if a box of this frame were its own.
-    fn place(&self, stamp: &FrameStamp, seen: &BoxSighting, vehicle: &Knowledge) -> Option<GroundContact>;
+    /// Returns pose and size of the vehicle in a box of this frame; `None` where the box does not place it.
+    fn place(&self, stamp: &FrameStamp, seen: &BoxSighting, known: &Knowledge) -> Option<GroundContact>;
 }
 
-/// A scene without knowledge: boxes give no poses.
+/// A scene without a camera: boxes give no poses.
 impl Scene for () {
     fn place(&self, _: &FrameStamp, _: &BoxSighting, _: &Knowledge) -> Option<GroundContact> {
         None
@@ -145,10 +145,12 @@ impl<S: Scene> Completion<'_, S> {
             return tracklets;
         }
         let log_odds = |raw: &RawTrack| {
-            raw.is_boxed
-                .then(|| self.evidence(raw, |seen| Some(seen.pose.xy())).map(|found| found.log_odds()))?
+            if !raw.is_boxed {
+                return None;
+            }
+            Some(self.evidence(raw, |seen| Some(seen.pose.xy()))?.log_odds())
         };
-        link(tracklets, log_odds)
+        link(tracklets, self.options.steps.cut, log_odds)
     }
 
     /// Returns the smoothed states of a track.

@@ -9,8 +9,8 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 use roadplane_base::{bbox_centre, median};
 
 use crate::{
+    noise::SIGNIFICANT,
     picture_chains::{Chain, size_px},
-    stops::SIGNIFICANT,
 };
 
 /// Number of boxes before and after a box that show its path, at most and at least.
@@ -63,8 +63,8 @@ impl Delays {
         if errors.len() < LEAST_BOXES {
             leads.clear();
         }
-        // The median of |x| of a normal distribution is 0.6745 sds.
-        let box_sd = median(&mut errors).map_or(0.0, |median| median / 0.6745).max(f64::EPSILON);
+        // The median of |x| of a normal distribution is 0.6745 sds. Weights of exact boxes must stay finite.
+        let box_sd = median(&mut errors).map_or(0.0, |median| median / 0.6745).max(1e-3);
         Self { leads, frames: times_s.len(), box_sd }
     }
 

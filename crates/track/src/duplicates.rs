@@ -11,7 +11,7 @@ use crate::{
 
 /// Share of the weaker track's detections during the stronger track's life that must coincide, 0–1.
 const MIN_SHARED: f64 = 0.5;
-/// Longest time between two detections that are compared, s.
+/// Longest time between two detections that are compared, s. The vehicle may move in a longer time.
 const NEAR_S: f64 = MOTION_S / 2.0;
 
 /// Keeps the stronger of two tracks of one car. The weaker fills its gaps and extends it at both ends.

@@ -1,6 +1,6 @@
 //! Predicts the position of a vehicle on the ground and in the picture, and computes the cost of a possible detection.
 
-use roadplane_base::{bbox_iou, bbox_part_seen};
+use roadplane_base::{bbox_around, bbox_iou, bbox_part_seen};
 
 use crate::{
     box_motion::{BoxMotion, COAST_S},
@@ -15,7 +15,8 @@ pub(crate) const HIDDEN_S: f64 = 60.0;
 pub(crate) const ALONE: f64 = 0.9;
 /// Least overlap (IoU) of a stationary car's box with the box of a detection.
 const MIN_OVERLAP: f64 = 0.25;
-/// Half the width of a lane, m. A position with a larger sd says little, and boxes must then overlap by `TOUCHING`.
+/// Half the width of a lane, m. A position with a larger sd says little, and boxes must then overlap by `TOUCHING`. It is
+/// also the sd of the distance between tracklets that begin at one place.
 pub(crate) const HALF_LANE_M: f64 = 1.5;
 /// Least overlap (IoU) of boxes where the position is vague, or where the time stamp may be wrong.
 pub(crate) const TOUCHING: f64 = 0.05;
@@ -46,10 +47,9 @@ impl Expected {
     /// Adds a detection.
     pub(crate) fn add(&mut self, sighting: &Sighting) {
         self.filter.update(&sighting.pose, &sighting.covariance, sighting.time_s);
-        let (known_px, seen_px) = (self.rest_px, sighting.bbox_px);
+        let seen_px = sighting.bbox_px;
         // A part of a stationary vehicle may be hidden, so its box only grows.
-        let union = |i: usize| if i < 2 { known_px[i].min(seen_px[i]) } else { known_px[i].max(seen_px[i]) };
-        self.rest_px = if self.filter.is_still() { std::array::from_fn(union) } else { seen_px };
+        self.rest_px = if self.filter.is_still() { bbox_around(&self.rest_px, &seen_px) } else { seen_px };
         self.motion.see(seen_px, sighting.time_s);
     }
 

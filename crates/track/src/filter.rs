@@ -12,15 +12,15 @@ use crate::box_motion::COAST_S;
 pub(crate) const ACCELERATION_POWER: f64 = 4.0;
 /// Sd of each velocity component of a vehicle, m/s.
 pub(crate) const SPEED_SD: f64 = 8.0;
-/// Sd of each velocity component that a stationary vehicle seems to have, m/s. Below this speed, boxes show no direction of
-/// travel, and a vehicle that they place counts as stationary.
+/// Sd of each velocity component that a stationary vehicle seems to have, m/s. Below this speed, boxes show no direction
+/// of travel, and a vehicle that they place counts as stationary.
 pub(crate) const STANDING_MPS: f64 = 0.2;
 /// Power of the axis' random turning, rad²/s.
 const TURN_POWER: f64 = 0.25;
 /// Power of the wandering of a parked car, m²/s. It allows for estimates that still settle.
 const STILL_POWER: f64 = 4e-4;
-/// Greatest distance that a stationary car seems to move, m. It is also the sd of a creeping car's distance from its
-/// line.
+/// Greatest distance that a stationary car seems to move, and least one that a driving car moves, m. It is also the sd
+/// of a creeping car's distance from its line.
 pub(crate) const STILL_M: f64 = 0.5;
 /// Time scale of motion, s. Motion is measured over this time, and the end of a tracklet is as long. Shorter stops
 /// cannot be measured, and a car that stays within [`STILL_M`] for so long counts as stationary.

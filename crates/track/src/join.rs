@@ -34,15 +34,24 @@ impl Join {
     /// Returns the features of the model.
     #[must_use]
     pub fn features(&self) -> [f64; JOIN_FEATURES] {
-        let gap_s = (self.to.time_s() - self.from.time_s()).max(0.0);
-        [1.0, self.log_odds.clamp(-MOST_ODDS, MOST_ODDS), gap_s.ln_1p()]
+        features(self.log_odds, self.to.time_s() - self.from.time_s())
     }
 
     /// Returns the probability that both sides of the gap show the same vehicle, 0–1.
     #[must_use]
     pub fn same_vehicle_p(&self) -> f64 {
-        sigmoid(SVector::from(self.features()).dot(&NUMBERS.same_vehicle))
+        probability(self.features())
     }
+}
+
+/// Returns the features of a join over a gap (s) with these log odds.
+pub(crate) fn features(log_odds: f64, gap_s: f64) -> [f64; JOIN_FEATURES] {
+    [1.0, log_odds.clamp(-MOST_ODDS, MOST_ODDS), gap_s.max(0.0).ln_1p()]
+}
+
+/// Returns the probability that a join with these features is right, 0–1.
+pub(crate) fn probability(features: [f64; JOIN_FEATURES]) -> f64 {
+    sigmoid(SVector::from(features).dot(&NUMBERS.same_vehicle))
 }
 
 #[cfg(test)]

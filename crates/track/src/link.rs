@@ -31,6 +31,7 @@ use roadplane_base::{assign, fold_axis, upper_median};
 use crate::{
     expected::{HALF_LANE_M, HIDDEN_S},
     filter::{ACCELERATION_POWER, MOTION_S, SPEED_SD, STANDING_MPS, STILL_M},
+    join::{features, probability},
     measurement::Sighting,
     noise::COMMON_SHARE,
     numbers::sigmoid,
@@ -49,16 +50,17 @@ const SHARES: [f64; 3] = [0.4, 0.45, 0.15];
 const CREEP_MPS: f64 = 2.5;
 /// Density of vehicles that appear anywhere, per m².
 const APPEARS: f64 = 2e-5;
-/// Sd of the logarithm of a vehicle's size (box diagonal times distance), as different views and hidden parts change it.
+/// Sd of the logarithm of a vehicle's size (box diagonal times distance). Views and hidden parts change it.
 const SIZE_SD: f64 = 0.5;
 /// Votes that each class has in advance, in the order of `VehicleClass::ALL`. Nets confuse cars, trucks and buses with
 /// each other, but hardly with motorcycles.
 const PRIOR_VOTES: [f64; VOTES] = [0.5, 0.5, 0.5, 0.0];
 
 /// Joins tracklets into tracks. Gaps of up to [`HIDDEN_S`] are bridged. `log_odds` returns the log odds that a tracklet
-/// is a vehicle; `None` for a tracklet that is one beyond doubt.
+/// is a vehicle; `None` for a tracklet that is one beyond doubt. With `cut`, links that are probably wrong are left out.
 pub(crate) fn link(
     mut tracklets: Vec<RawTrack>,
+    cut: bool,
     log_odds: impl Fn(&RawTrack) -> Option<f64>,
 ) -> Vec<RawTrack> {
     tracklets.retain(|track| !track.observations.is_empty());
@@ -81,7 +83,15 @@ pub(crate) fn link(
             }
         }
     }
-    let next = choose(tracklets.len(), &gains);
+    let mut next = choose(tracklets.len(), &gains);
+    if cut {
+        // The likelihoods are simple models. `join.rs` calibrates their odds.
+        for (end, link) in ends.iter().zip(&mut next) {
+            let is_probable =
+                |&(j, odds): &(usize, f64)| probability(features(odds, starts[j].time_s - end.time_s)) >= 0.5;
+            *link = link.filter(is_probable);
+        }
+    }
     chains(tracklets, &next)
 }
 

@@ -15,6 +15,8 @@ pub(crate) struct Noise {
 /// Share of the variance that is common to observations from about one position, 0–1. The design effect: correlated
 /// observations count as fewer (Kish 1965, "Survey Sampling").
 pub(crate) const COMMON_SHARE: f64 = 0.5;
+/// Number of sds from which on a value is significant. At such a distance, an outlier of the clock has half a weight.
+pub(crate) const SIGNIFICANT: f64 = 3.0;
 /// Least number of detections from which scatter is measured, and motion if the track has so many.
 pub(crate) const MIN_SIGHTINGS: usize = 5;
 

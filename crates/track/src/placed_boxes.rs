@@ -67,7 +67,8 @@ fn of_vehicle(
     sightings(boxes, &body, heading, frames, scene)
 }
 
-/// Returns the body of a vehicle: its size is `dims_m` (m) where that is given, else that of a car with this shape.
+/// Returns the body of a vehicle: its size is `dims_m` (m) where that is given, else that of its class, for cars with this
+/// shape. One box shows the size no better than the class does, so the covariance is that of the class.
 fn body(class: VehicleClass, dims_m: Option<Vector3<f64>>, shape: &Shape, scene: &impl Scene) -> Body {
     Body { dims_m: dims_m.unwrap_or_else(|| scene.body(class, shape).dims_m), ..body_of(class) }
 }
@@ -113,8 +114,8 @@ fn sightings(
     let of_box = |(frame, seen): &(usize, BoxSighting)| {
         let time_s = frames.times_s[*frame];
         let [heading_rad, heading_sd_rad] = heading(time_s)?;
-        let vehicle = Knowledge::Track { body: *body, heading_rad, heading_sd_rad };
-        let placed = place(*frame, seen, &vehicle, frames, scene)?;
+        let known = Knowledge::Track { body: *body, heading_rad, heading_sd_rad };
+        let placed = place(*frame, seen, &known, frames, scene)?;
         Some(Sighting::by_box(seen, &placed, *frame, time_s))
     };
     boxes.iter().filter_map(of_box).collect()
@@ -124,11 +125,11 @@ fn sightings(
 fn place(
     frame: usize,
     seen: &BoxSighting,
-    vehicle: &Knowledge,
+    known: &Knowledge,
     frames: &Frames,
     scene: &impl Scene,
 ) -> Option<GroundContact> {
-    let placed = scene.place(&frames.stamps[frame], seen, vehicle)?;
+    let placed = scene.place(&frames.stamps[frame], seen, known)?;
     placed.covariance.cholesky().is_some().then_some(placed)
 }
 

@@ -17,7 +17,8 @@ use crate::{
 
 /// Returns the states and the size of a vehicle where boxes, and not keypoints, give its pose. For a vehicle that is no
 /// car they always do. Returns `None` if no pose comes from a box, or if boxes and path contradict each other. Also
-/// returns `None` if the vehicle did not drive and has no keypoints, as then its heading is open.
+/// returns `None` if the vehicle did not drive and has no keypoints, as then its heading is open. `body` is the prior of the
+/// size, and `start_m` the size from which the solution starts, m.
 pub(crate) fn smooth_by_boxes(
     sightings: &[Sighting],
     stamps: &[FrameStamp],

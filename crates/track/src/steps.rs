@@ -11,6 +11,8 @@ pub struct TrackSteps {
     pub merge: bool,
     /// Links tracklets over gaps (`link.rs`).
     pub link: bool,
+    /// Cuts links that are probably wrong (`join.rs`).
+    pub cut: bool,
     /// Leaves out tracks that are probably no vehicles (`existence.rs`).
     pub existence: bool,
     /// Makes tracklets of boxes that no tracklet has (`placed_boxes.rs`).
@@ -31,6 +33,7 @@ impl Default for TrackSteps {
             confirm: true,
             merge: true,
             link: true,
+            cut: true,
             existence: true,
             boxes: true,
             by_boxes: true,

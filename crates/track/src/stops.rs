@@ -10,7 +10,7 @@ use roadplane_base::{bbox_centre, upper_median};
 use crate::{
     filter::{MOTION_S, STILL_M},
     measurement::Sighting,
-    noise::MIN_SIGHTINGS,
+    noise::{MIN_SIGHTINGS, SIGNIFICANT},
 };
 
 /// Consecutive detections, all driving or all stationary.
@@ -22,22 +22,19 @@ pub(crate) struct Run {
     pub parked: bool,
 }
 
-/// Least motion that is significant, in sds.
-pub(crate) const SIGNIFICANT: f64 = 3.0;
-
 /// Divides a track's detections, in the order of time. A track without noticeable motion is one stationary interval.
 pub(crate) fn find_runs(sightings: &[Sighting]) -> Vec<Run> {
     let n = sightings.len();
     if n == 0 {
         return Vec::new();
     }
-    let moves_at = |i| moves(window(sightings, i), STILL_M);
+    let moves_at = |i| moves(window(sightings, i));
     let mut moving: Vec<bool> = (0..n).map(moves_at).collect();
     close_gaps(&mut moving, sightings);
     // A stationary interval that creeps as a whole is slow driving.
     for run in runs(&moving).into_iter().filter(|run| run.parked) {
         let part = &sightings[run.sightings.clone()];
-        if moves(part, STILL_M) {
+        if moves(part) {
             moving[run.sightings].fill(true);
         }
     }
@@ -69,11 +66,11 @@ fn seconds(part: &[Sighting]) -> f64 {
     }
 }
 
-/// Whether the detections move farther than the least motion (m) on the ground, and farther than noise there and in the
-/// image. Their motion is that of a straight line through them.
-fn moves(part: &[Sighting], min_m: f64) -> bool {
+/// Whether the detections move by more than [`STILL_M`] on the ground, and by more than noise there and in the image. Their
+/// motion is that of a straight line through them.
+fn moves(part: &[Sighting]) -> bool {
     let ground: Vec<(f64, Vector2<f64>)> = part.iter().map(|o| (o.time_s, o.pose.xy())).collect();
-    if !goes(&ground, min_m) {
+    if !goes(&ground, STILL_M) {
         return false;
     }
     // When a car drives along the line of sight, its box stays and grows. So the corners are compared, and not only the

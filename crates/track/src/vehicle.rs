@@ -33,7 +33,8 @@ const TURN: f64 = 0.02;
 const SLIP_M: f64 = 0.05;
 /// Sd of the change of speed within 1 s, m/s. It grows with the square root of time.
 const SPEED_CHANGE: f64 = 1.0;
-/// Sd of the curvature of a car's path, and of its change within 1 s, 1/m. The change grows with the square root of time.
+/// Sd of the curvature of a car's path, 1/m, and of its change within 1 s, 1/m. The change grows with the square root of
+/// time.
 const CURVATURE_SD: f64 = 0.1;
 /// Distance from the rear axle to a car's origin, m.
 pub(crate) const HALF_WHEELBASE_M: f64 = 1.35;

@@ -303,7 +303,8 @@ pub struct EvalTrackerArgs {
     /// Write all tracks into a CSV file: whether each is a vehicle, and the features of `exists_p`.
     #[arg(long, value_name = "FILE")]
     pub candidates: Option<PathBuf>,
-    /// Write all joins over gaps into a CSV file: whether each is right, and the features of `same_vehicle_p`.
+    /// Write all joins over gaps into a CSV file: whether each is right, and the features of `same_vehicle_p`. Improbable
+    /// joins are kept then.
     #[arg(long, value_name = "FILE")]
     pub joins: Option<PathBuf>,
     /// Standard deviation of keypoints and of boxes' edges, as a share of the box's longer side.

@@ -74,7 +74,10 @@ pub fn evaluate_tracker(
         return Ok(Report { title, tables: vec![layers_table(&scores)], ..Report::default() });
     }
     progress.expect(Some(clips.len() as u64));
-    let scored = score_clips(&clips, options, config, cancel, progress)?;
+    // The probability of a join is fitted to all joins, also to those that it cuts.
+    let mut config = config.clone();
+    config.track.steps.cut = options.joins.is_none();
+    let scored = score_clips(&clips, options, &config, cancel, progress)?;
     let (mut scores, mut existence, mut joins) = (Vec::new(), Vec::new(), Vec::new());
     for scored in scored {
         scores.push(scored.score);

@@ -272,7 +272,7 @@ fn by_keypoints(
     CarMeasurement { class: VehicleClass::Car, shape_before, shape, from_box: false, ..measured }
 }
 
-/// Builds the measurement of a whole vehicle by its box.
+/// Builds the measurement of a vehicle by its box, without hidden edges and a size.
 fn measurement(pose: GroundPose, covariance: Matrix3<f64>, record: &CarRecord, car: usize) -> CarMeasurement {
     CarMeasurement {
         pose,

@@ -44,9 +44,9 @@ impl Scene for SiteScene<'_> {
         body_box(&FrameCamera::from(self.cameras.at(stamp.time_s())?), pose, class, dims_m)
     }
 
-    fn place(&self, stamp: &FrameStamp, seen: &BoxSighting, vehicle: &Knowledge) -> Option<GroundContact> {
+    fn place(&self, stamp: &FrameStamp, seen: &BoxSighting, known: &Knowledge) -> Option<GroundContact> {
         let estimate = self.cameras.at(stamp.time_s())?;
         let picture_px = self.views.picture_px(stamp.index, estimate.image_size_px);
-        ground_contact(&seen.bbox_px, &picture_px, seen.hidden, &FrameCamera::from(estimate), vehicle)
+        ground_contact(&seen.bbox_px, &picture_px, seen.hidden, &FrameCamera::from(estimate), known)
     }
 }

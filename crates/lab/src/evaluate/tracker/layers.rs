@@ -15,6 +15,7 @@ pub(super) fn variants() -> Vec<(&'static str, TrackSteps)> {
         ("new tracks not confirmed", TrackSteps { confirm: false, ..all }),
         ("no merging of tracks", TrackSteps { merge: false, ..all }),
         ("no links over gaps", TrackSteps { link: false, ..all }),
+        ("improbable links, too", TrackSteps { cut: false, ..all }),
         ("all tracks exist", TrackSteps { existence: false, ..all }),
         ("no tracklets of free boxes", TrackSteps { boxes: false, ..all }),
         ("path and size not together", TrackSteps { by_boxes: false, ..all }),
