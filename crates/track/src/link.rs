@@ -51,7 +51,7 @@ const CREEP_MPS: f64 = 2.5;
 /// Density of vehicles that appear anywhere, per m².
 const APPEARS: f64 = 2e-5;
 /// Sd of the logarithm of a vehicle's size (box diagonal times distance). Views and hidden parts change it.
-const SIZE_SD: f64 = 0.5;
+const SIZE_SD: f64 = 0.3;
 /// Votes that each class has in advance, in the order of `VehicleClass::ALL`. Nets confuse cars, trucks and buses with
 /// each other, but hardly with motorcycles.
 const PRIOR_VOTES: [f64; VOTES] = [0.5, 0.5, 0.5, 0.0];
