@@ -67,8 +67,7 @@ impl SceneView {
 impl Cues {
     /// Evaluates the cues of each position beside the windows and the factors of `options`.
     ///
-    /// A position without one constant camera (drift, or a move without a verdict) has no result. Neither has a camera
-    /// whose focal length the user gave.
+    /// A position without a camera has no result. Neither has a camera whose focal length the user gave.
     #[must_use]
     pub fn evaluate(&self, windows: &[WindowEstimate], options: &FuseOptions) -> Vec<SceneView> {
         let positions: BTreeSet<usize> = self.lines.keys().chain(self.turns.keys()).copied().collect();
@@ -77,7 +76,7 @@ impl Cues {
             let here: Vec<WindowEstimate> =
                 windows.iter().filter(|window| window.segment == position).cloned().collect();
             let mut view = SceneView { position, lines, verticals: None, turns: None };
-            if !options.focal_given && fuse(&here, options).len() == 1 {
+            if !options.focal_given && !fuse(&here, options).is_empty() {
                 view.turns = self.turns.get(&position).copied();
                 let mut options = options.clone();
                 view.add_factors(&mut options.factors);

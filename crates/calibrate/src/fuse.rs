@@ -7,7 +7,7 @@
 //!   the errors that all cars of the place share; the mean of the windows of a position counts as a Gaussian of (log f,
 //!   horizon, roll, log h);
 //! - [`Factor`]s: user constraints, verticals, turns; a factor counts once at its camera position;
-//! - the transitions between camera positions, and the camera's prior.
+//! - the focal length that the two planes of a folded ground have in common, and the camera's prior.
 //!
 //! Some results use a part of the evidence: the camera by cars alone has no factors ([`FuseOptions::for_cars`]).
 //!
@@ -22,7 +22,6 @@
 //! windows is γ_k, about 1 for a parked car. A clip of one parked row gives the same sd with one window or with a
 //! hundred.
 
-mod changes;
 mod evidence;
 mod group;
 mod horizon;
@@ -36,15 +35,14 @@ use roadplane_base::{
     SHARED_ERRORS, SharedSd, is_determined,
 };
 
-use self::changes::{DRIFT_SD, Part, explain};
 use self::evidence::Evidence;
 pub use self::group::condense;
-use self::group::{is_usable, mean, middle_s, shares, span_s, together};
+use self::group::{is_usable, mean, span_s, together};
 use self::horizon::{linearised, of_horizon};
-use self::nodes::{Gaussian, Node, Step, smooth};
+use self::nodes::{Gaussian, Node, smooth};
+use crate::LinkId;
 use crate::factors::Factor;
 use crate::prior::FusePrior;
-use crate::{LinkId, SegmentStart};
 
 /// Identity of a car among all windows that are fused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -81,10 +79,8 @@ pub struct WindowEstimate {
     pub cars: Vec<CarUse>,
     /// Index of the camera position, from 0, as in [`Window`](crate::Window).
     pub segment: usize,
-    /// How that camera position began, as in [`Window`](crate::Window).
-    pub start: SegmentStart,
-    /// Whether the camera did not move since the previous window, as in [`Window`](crate::Window).
-    pub steady: bool,
+    /// Whether this is the camera of the position before, as in [`Window`](crate::Window).
+    pub on_second_plane: bool,
 }
 
 impl WindowEstimate {
@@ -98,8 +94,7 @@ impl WindowEstimate {
             joint: JointInformation::none(),
             cars: Vec::new(),
             segment,
-            start: SegmentStart::Clip,
-            steady: true,
+            on_second_plane: false,
         }
     }
 }
@@ -172,8 +167,6 @@ impl FuseOptions {
     }
 }
 
-/// Least log zoom between two camera positions for which the focal length counts as changed.
-const ZOOM: f64 = 0.03;
 /// Largest number of rounds of linearising and smoothing.
 const ROUNDS: usize = 50;
 /// Change of the camera in one round below which the rounds end, log or rad.
@@ -181,8 +174,7 @@ const STILL: f64 = 1e-9;
 
 /// Fuses the windows of a clip, in the order of time.
 ///
-/// A stationary camera gives one estimate. A camera that was moved gives one per position, and a drifting camera one
-/// per window. Without windows with finite numbers there is no estimate.
+/// There is one estimate per camera position. A position without windows with finite numbers has no estimate.
 #[must_use]
 pub fn fuse(windows: &[WindowEstimate], options: &FuseOptions) -> Vec<CameraEstimate> {
     join(windows, options).estimates
@@ -191,7 +183,7 @@ pub fn fuse(windows: &[WindowEstimate], options: &FuseOptions) -> Vec<CameraEsti
 /// Result of joining windows.
 #[derive(Clone, Debug)]
 pub struct Joined {
-    /// Estimates of the camera, in the order of positions and then of time.
+    /// Estimates of the camera, in the order of positions.
     pub estimates: Vec<CameraEstimate>,
     /// Index of the camera position of each estimate.
     pub segments: Vec<usize>,
@@ -217,7 +209,7 @@ pub fn join(windows: &[WindowEstimate], options: &FuseOptions) -> Joined {
     }
 }
 
-/// Windows with one constant camera, and all evidence on this camera.
+/// The windows of one camera position, and all evidence on its camera.
 struct Piece<'a, 'w> {
     /// The windows, in the order of time.
     windows: &'a [&'w WindowEstimate],
@@ -225,8 +217,8 @@ struct Piece<'a, 'w> {
     cars: (Evidence, Vector4<f64>),
     /// Other factors.
     factors: Vec<&'a Factor>,
-    /// Transition from the camera of the previous piece.
-    step: Step,
+    /// Whether the focal length is that of the piece before.
+    keeps_focal: bool,
 }
 
 impl Piece<'_, '_> {
@@ -236,49 +228,24 @@ impl Piece<'_, '_> {
     }
 }
 
-/// Divides windows into pieces with one constant camera. `usable` is sorted by position and time.
+/// Divides windows into pieces, one per camera position. `usable` is sorted by position and time.
 fn pieces<'a, 'w>(usable: &'a [&'w WindowEstimate], options: &'a FuseOptions) -> Vec<Piece<'a, 'w>> {
-    let mut pieces: Vec<Piece<'a, 'w>> = Vec::new();
-    for segment in usable.chunk_by(|a, b| a.segment == b.segment) {
-        let first = segment[0];
-        let mut start = Some(first.start);
-        let is_first_segment = pieces.is_empty();
-        for Part { windows: part, drift } in explain(segment, options).0 {
-            let shares = shares(part);
-            let length = if drift.is_some() { 1 } else { part.len() };
-            for (i, (windows, shares)) in part.chunks(length).zip(shares.chunks(length)).enumerate() {
-                let is_start = start.is_some();
-                let step = match (start.take(), drift) {
-                    (Some(start), _) => step_from(start),
-                    (None, Some(scale)) if i > 0 => {
-                        let gap_s = (middle_s(windows) - middle_s(&part[i - 1..i])).max(0.0);
-                        Step::kept((DRIFT_SD * scale).map(|sd| sd * sd * gap_s))
-                    }
-                    // Only the estimates show this change, so the focal length may have changed too.
-                    (None, _) => Step::fresh(),
-                };
-                // A number that the camera keeps from the previous position was counted there.
-                let counts = |factor: &&Factor| match factor {
-                    Factor::Number(number) => is_first_segment || step.kept[number.which] <= 0.0,
-                    _ => true,
-                };
-                let here = options.factors.get(&first.segment).filter(|_| is_start);
-                let factors = here.iter().flat_map(|factors| factors.iter()).filter(counts).collect();
-                let cars = evidence_of_cars(windows, shares, options);
-                pieces.push(Piece { windows, cars, factors, step });
-            }
-        }
-    }
-    pieces
+    let positions = usable.chunk_by(|a, b| a.segment == b.segment);
+    let piece = |(i, windows): (usize, &'a [&'w WindowEstimate])| {
+        let keeps_focal = i > 0 && windows[0].on_second_plane;
+        let here = options.factors.get(&windows[0].segment);
+        // A focal length was counted at the position before.
+        let counts =
+            |factor: &&Factor| !matches!(factor, Factor::Number(number) if keeps_focal && number.which == 0);
+        let factors = here.into_iter().flatten().filter(counts).collect();
+        Piece { windows, cars: evidence_of_cars(windows, options), factors, keeps_focal }
+    };
+    positions.enumerate().map(piece).collect()
 }
 
 /// Returns the evidence of a group of windows, and the camera at which it was linearised.
-fn evidence_of_cars(
-    windows: &[&WindowEstimate],
-    shares: &[f64],
-    options: &FuseOptions,
-) -> (Evidence, Vector4<f64>) {
-    let joint = together(windows, shares, options);
+fn evidence_of_cars(windows: &[&WindowEstimate], options: &FuseOptions) -> (Evidence, Vector4<f64>) {
+    let joint = together(windows, options);
     let prior = options.prior.params.to_vector();
     let camera = mean(&joint.information, &joint.vector, options).unwrap_or(prior);
     let (information, weighted) = joint.marginal(options.shared_sd);
@@ -299,7 +266,7 @@ fn solve(pieces: &[Piece<'_, '_>], options: &FuseOptions) -> (Vec<Node>, Vec<Gau
         nodes.clear();
         for (i, (piece, factors)) in pieces.iter().zip(&mut factors).enumerate() {
             let cars = linearised(&piece.cars.0, &at[i][0]);
-            let mut node = Node { cars, metres: Evidence::none(), step: piece.step };
+            let mut node = Node { cars, metres: Evidence::none(), keeps_focal: piece.keeps_focal };
             // The first round has cars alone. It shows where the factors are to be linearised.
             if let Some(state) = states.get(i) {
                 let all = state.evidence();
@@ -328,23 +295,6 @@ fn solve(pieces: &[Piece<'_, '_>], options: &FuseOptions) -> (Vec<Node>, Vec<Gau
 /// Returns (log f, tilt, roll, log h) twice: in the scale of the atlas's cars, and in metres.
 fn both_scales(state: &Gaussian) -> [Vector4<f64>; 2] {
     [state.by_cars(), state.camera().0]
-}
-
-/// Returns the transition of the camera that a new camera position implies.
-fn step_from(start: SegmentStart) -> Step {
-    match start {
-        // The mount stays, so height and focal length nearly keep their values. The directions are new.
-        SegmentStart::Moved { log_scale } if log_scale.abs() <= ZOOM => {
-            Step { kept: Vector4::new(1.0, 0.0, 0.0, 1.0), variance: Vector4::new(1e-3, 0.0, 0.0, 4e-3) }
-        }
-        SegmentStart::Moved { .. } => {
-            Step { kept: Vector4::new(0.0, 0.0, 0.0, 1.0), variance: Vector4::new(0.0, 0.0, 0.0, 4e-3) }
-        }
-        SegmentStart::SecondPlane => {
-            Step { kept: Vector4::new(1.0, 0.0, 0.0, 0.0), variance: Vector4::zeros() }
-        }
-        SegmentStart::Clip | SegmentStart::Cut => Step::fresh(),
-    }
 }
 
 /// Builds the camera estimate of a group from its smoothed state.

@@ -8,10 +8,9 @@
 //! FrameRecord → PlacesBuilder → Places             where the reference pictures of a moving camera lie
 //!             → OneCamera                         converts boxes and keypoints to those of one camera
 //!             → EvidenceBuilder ── Linker          assigns boxes to cars
-//!                               ├─ MoveDetector    finds camera moves where the watcher gives no verdict
 //!                               └─ ViewSelector    takes one view of a parked car, several of a moving one
 //!             → Window { views, … } → (joint solve of the window, in another crate) → WindowEstimate
-//!             → fuse → one CameraEstimate per interval
+//!             → fuse → one CameraEstimate per camera position
 //! GroundView → GroundEvidence → Fold → Window::divided    two planes, where the slope of the road changes
 //! SceneLine → Cues → Factor → fuse                focal length from vertical lines
 //! Registration → PlacesBuilder → Turns → Cues → Factor → fuse   focal length from turns and zooms
@@ -33,7 +32,6 @@ mod fuse;
 mod ground;
 mod lens;
 mod linker;
-mod moves;
 mod one_camera;
 mod places;
 mod prior;
@@ -53,7 +51,6 @@ pub use fuse::{CarIdentity, CarUse, FuseOptions, Joined, WindowEstimate, condens
 pub use ground::{Fold, GroundEvidence, GroundView};
 pub use lens::{LensView, LogFocal};
 pub use linker::{LinkId, Linker};
-pub use moves::{MoveDetector, MoveState, SegmentStart};
 pub use one_camera::OneCamera;
 pub use places::{Places, PlacesBuilder};
 pub use prior::FusePrior;

@@ -8,7 +8,7 @@
 use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{CameraEvidence, ParkedCar, bbox_iou, bbox_longer_side};
 
-use crate::{CarIdentity, CarUse, FuseOptions, LinkId, SegmentStart, WindowEstimate, fuse};
+use crate::{CarIdentity, CarUse, FuseOptions, LinkId, WindowEstimate, fuse};
 
 /// Result of comparing two pictures of the empty scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -157,8 +157,7 @@ impl<'a> Epoch<'a> {
             joint: clip.joint(),
             cars,
             segment: 0,
-            start: SegmentStart::Clip,
-            steady: true,
+            on_second_plane: false,
         });
         self.clips.push(clip);
     }

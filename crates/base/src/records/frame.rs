@@ -20,7 +20,7 @@ pub struct FrameRecord {
     /// Width and height of the frame, px.
     pub image_size_px: ImageSize,
     /// State of the camera, and changes of the picture. Absent if the camera was not monitored, for example in files of
-    /// other tools.
+    /// other tools. The camera then counts as stationary.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub watch: Option<WatchRecord>,
     /// Straight edges of the scene that may be vertical, each `[x0, y0, x1, y1, sd]`. The numbers are both ends in px,

@@ -9,7 +9,7 @@ use super::FuseOptions;
 use crate::{CarIdentity, CarUse, WindowEstimate};
 
 /// Error model of windows; a window with a wrong minimum has little weight.
-pub(super) const SCATTER: StudentT = StudentT { dimensions: 4.0 };
+const SCATTER: StudentT = StudentT { dimensions: 4.0 };
 
 /// Correlation between the evidence of a car in two windows if the car moved between them. It is 1 for a parked car.
 const MOVING_CORRELATION: f64 = 0.3;
@@ -23,7 +23,7 @@ pub(super) fn is_usable(window: &WindowEstimate) -> bool {
 }
 
 /// Returns the share of each window's evidence that other windows of the group do not already contain, 0–1.
-pub(super) fn shares(group: &[&WindowEstimate]) -> Vec<f64> {
+fn shares(group: &[&WindowEstimate]) -> Vec<f64> {
     let mut windows_of: BTreeMap<CarIdentity, f64> = BTreeMap::new();
     for window in group {
         for car in window.cars.iter().map(|used| used.car).collect::<BTreeSet<_>>() {
@@ -41,24 +41,17 @@ pub(super) fn shares(group: &[&WindowEstimate]) -> Vec<f64> {
     group.iter().map(share).collect()
 }
 
-/// A robust fit of one constant camera to a group of windows.
-pub(super) struct Constant {
-    /// Student-t weight of each window.
-    weights: Vec<f64>,
-    /// Squared Mahalanobis distance of each window from the constant.
-    distances: Vec<f64>,
-    /// Cost `Σ (ν + 4) ln(1 + d²/ν) / 2` over the windows.
-    pub cost: f64,
-}
-
-/// Fits one constant camera to a group. `shares` are the windows' shares of new evidence, 0–1.
-pub(super) fn constant(group: &[&WindowEstimate], shares: &[f64], options: &FuseOptions) -> Constant {
+/// Returns the joint evidence of a group under one constant camera, by a robust fit.
+///
+/// If windows scatter more than their covariances allow, the covariance is widened (Birge's ratio).
+pub(super) fn together(group: &[&WindowEstimate], options: &FuseOptions) -> JointInformation {
+    let shares = shares(group);
     let prior_information = Matrix4::from_diagonal(&options.prior.sd.map(|sd| 1.0 / (sd * sd)));
     let prior = options.prior.params.to_vector();
     let mut centre = Vector4::from_fn(|i, _| {
         let mut values: Vec<(f64, f64)> = group
             .iter()
-            .zip(shares)
+            .zip(&shares)
             .map(|(w, share)| (w.params.to_vector()[i], share * w.joint.information[(i, i)]))
             .collect();
         weighted_median(&mut values).unwrap_or(prior[i])
@@ -67,6 +60,7 @@ pub(super) fn constant(group: &[&WindowEstimate], shares: &[f64], options: &Fuse
         let away = window.params.to_vector() - centre;
         away.dot(&(window.joint.information * away)).max(0.0)
     };
+    // Squared Mahalanobis distance of each window from the centre, and its Student-t weight.
     let mut distances = Vec::new();
     let mut weights = Vec::new();
     for _ in 0..30 {
@@ -74,7 +68,7 @@ pub(super) fn constant(group: &[&WindowEstimate], shares: &[f64], options: &Fuse
         weights = distances.iter().map(|d2| SCATTER.weight(*d2)).collect();
         let mut information = prior_information;
         let mut sum = prior_information * prior;
-        for ((window, share), weight) in group.iter().zip(shares).zip(&weights) {
+        for ((window, share), weight) in group.iter().zip(&shares).zip(&weights) {
             let own = window.joint.information * (share * weight);
             information += own;
             sum += own * window.params.to_vector();
@@ -86,22 +80,11 @@ pub(super) fn constant(group: &[&WindowEstimate], shares: &[f64], options: &Fuse
             break;
         }
     }
-    let cost = distances.iter().map(|d2| SCATTER.cost(*d2)).sum();
-    Constant { weights, distances, cost }
-}
-
-/// Returns the joint evidence of a group under one constant camera.
-///
-/// If windows scatter more than their covariances allow, the covariance is widened (Birge's ratio).
-///
-/// `shares` are the windows' shares of new evidence, 0–1.
-pub(super) fn together(group: &[&WindowEstimate], shares: &[f64], options: &FuseOptions) -> JointInformation {
-    let Constant { weights, distances, .. } = constant(group, shares, options);
     let surplus = 4.0 * (group.len() as f64 - 1.0);
     let scatter: f64 = distances.iter().zip(&weights).map(|(d2, w)| d2 * w).sum();
     let widened = if group.len() >= 3 { (scatter / surplus).max(1.0) } else { 1.0 };
     let mut sum = JointInformation::none();
-    for ((window, share), weight) in group.iter().zip(shares).zip(&weights) {
+    for ((window, share), weight) in group.iter().zip(&shares).zip(&weights) {
         // A weight above 1 would claim more information than the window has.
         sum.add(&window.joint, share * weight.min(1.0) / widened);
     }
@@ -113,7 +96,7 @@ pub(super) fn together(group: &[&WindowEstimate], shares: &[f64], options: &Fuse
 pub fn condense(windows: &[WindowEstimate], options: &FuseOptions) -> Option<WindowEstimate> {
     let usable: Vec<&WindowEstimate> = windows.iter().filter(|window| is_usable(window)).collect();
     let first = *usable.first()?;
-    let joint = together(&usable, &shares(&usable), options);
+    let joint = together(&usable, options);
     let mut cars: Vec<CarUse> = usable.iter().flat_map(|window| window.cars.iter().copied()).collect();
     cars.sort_by_key(|used| (used.car, !used.parked));
     cars.dedup_by_key(|used| used.car);
@@ -124,8 +107,7 @@ pub fn condense(windows: &[WindowEstimate], options: &FuseOptions) -> Option<Win
         joint,
         cars,
         segment: first.segment,
-        start: first.start,
-        steady: true,
+        on_second_plane: first.on_second_plane,
     })
 }
 
@@ -149,10 +131,4 @@ pub(super) fn span_s(group: &[&WindowEstimate]) -> [f64; 2] {
         spans().map(|[from, _]| from).fold(f64::INFINITY, f64::min),
         spans().map(|[_, to]| to).fold(f64::NEG_INFINITY, f64::max),
     ]
-}
-
-/// Returns the mean of the windows' middle times, s.
-pub(super) fn middle_s(group: &[&WindowEstimate]) -> f64 {
-    let sum: f64 = group.iter().map(|window| window.span_s[0] + window.span_s[1]).sum();
-    sum / (2 * group.len().max(1)) as f64
 }

@@ -9,27 +9,6 @@ use nalgebra::{Matrix4, SMatrix, SVector, Vector4};
 use super::evidence::Evidence;
 use crate::prior::FusePrior;
 
-/// The transition of the camera to a piece of evidence, for each of (log f, tilt, roll, log h').
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Step {
-    /// For each camera parameter: 1 if its estimate carries over to the next position, 0 if it starts from the prior.
-    pub kept: Vector4<f64>,
-    /// Variance that each kept number gains (log² or rad²).
-    pub variance: Vector4<f64>,
-}
-
-impl Step {
-    /// Returns the step after which all numbers start again from the prior.
-    pub(super) fn fresh() -> Self {
-        Self { kept: Vector4::zeros(), variance: Vector4::zeros() }
-    }
-
-    /// Returns the step that keeps all numbers and adds `variance` (log² or rad²) to them.
-    pub(super) fn kept(variance: Vector4<f64>) -> Self {
-        Self { kept: Vector4::repeat(1.0), variance }
-    }
-}
-
 /// The state (log f, tilt, roll, log h', log s): the camera and the size of the cars.
 type State = SVector<f64, 5>;
 /// A covariance or information matrix of the state.
@@ -42,8 +21,8 @@ pub(super) struct Node {
     pub cars: Evidence,
     /// Evidence of (log f, tilt, roll, log h) from factors in metres.
     pub metres: Evidence,
-    /// Transition from the previous node.
-    pub step: Step,
+    /// Whether the focal length is that of the previous node. All other numbers of the camera start from the prior.
+    pub keeps_focal: bool,
 }
 
 /// A Gaussian of the state: mean and covariance.
@@ -92,14 +71,14 @@ pub(super) fn smooth(nodes: &[Node], prior: &FusePrior, size_sd: f64) -> Vec<Gau
     let mut predicted: Vec<Gaussian> = Vec::with_capacity(nodes.len());
     let mut filtered: Vec<Gaussian> = Vec::with_capacity(nodes.len());
     for node in nodes {
-        let before = filtered.last().map_or(start, |last| advance(last, &node.step, &start));
+        let before = filtered.last().map_or(start, |last| advance(last, node.keeps_focal, &start));
         filtered.push(update(&before, node));
         predicted.push(before);
     }
     let mut smoothed = filtered.clone();
     for i in (0..nodes.len().saturating_sub(1)).rev() {
         let Some(factor) = predicted[i + 1].1.cholesky() else { continue };
-        let kept = Square::from_diagonal(&nodes[i + 1].step.kept.push(1.0));
+        let kept = Square::from_diagonal(&kept(nodes[i + 1].keeps_focal));
         let gain = factor.solve(&(kept * filtered[i].1)).transpose();
         let Gaussian(mean, covariance) = smoothed[i + 1];
         smoothed[i].0 += gain * (mean - predicted[i + 1].0);
@@ -109,11 +88,16 @@ pub(super) fn smooth(nodes: &[Node], prior: &FusePrior, size_sd: f64) -> Vec<Gau
     smoothed
 }
 
-/// Predicts the state after `step`. Numbers that are not kept start again from `prior`.
-fn advance(Gaussian(mean, covariance): &Gaussian, step: &Step, prior: &Gaussian) -> Gaussian {
-    let kept = step.kept.push(1.0);
+/// Returns 1 for each number of the state that carries over from one node to the next, and 0 for the others.
+fn kept(keeps_focal: bool) -> State {
+    State::new(if keeps_focal { 1.0 } else { 0.0 }, 0.0, 0.0, 0.0, 1.0)
+}
+
+/// Predicts the state of the next node. Numbers that are not kept start again from `prior`.
+fn advance(Gaussian(mean, covariance): &Gaussian, keeps_focal: bool, prior: &Gaussian) -> Gaussian {
+    let kept = kept(keeps_focal);
     let anew = State::repeat(1.0) - kept;
-    let variance = step.variance.push(0.0) + anew.component_mul(&prior.1.diagonal());
+    let variance = anew.component_mul(&prior.1.diagonal());
     let kept = Square::from_diagonal(&kept);
     Gaussian(
         kept * mean + anew.component_mul(&prior.0),

@@ -3,7 +3,7 @@ use roadplane_base::{
     Camera, CameraEstimate, CameraParams, CameraStatus, ImageSize, JointInformation, Lens, SceneLine,
 };
 use roadplane_calibrate::{
-    Factor, FuseOptions, SegmentStart, VerticalVanishingPoint, Verticals, WindowEstimate, fuse, verticals,
+    Factor, FuseOptions, VerticalVanishingPoint, Verticals, WindowEstimate, fuse, verticals,
 };
 use roadplane_synth::Rng;
 
@@ -182,8 +182,7 @@ fn window(cars: &CameraEstimate) -> WindowEstimate {
         joint: JointInformation::of_camera(&cars.covariance.try_inverse().unwrap(), &cars.params.to_vector()),
         cars: Vec::new(),
         segment: 0,
-        start: SegmentStart::Clip,
-        steady: true,
+        on_second_plane: false,
     }
 }
 

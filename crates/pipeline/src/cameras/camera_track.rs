@@ -46,34 +46,24 @@ pub(super) fn position_at(visits: &[Visit], time_s: f64) -> usize {
     begun.or(visits.first()).map_or(0, |visit| visit.position)
 }
 
-/// Returns the estimates in the order of time, one or more for each visit to a position. `segments` are the positions
-/// of the estimates.
+/// Returns the estimates in the order of time, one for each visit to a position. `segments` are the positions of the
+/// estimates.
 pub(super) fn by_visits(
     estimates: Vec<CameraEstimate>,
     segments: &[usize],
     visits: &[Visit],
 ) -> Vec<CameraEstimate> {
-    let mut all = Vec::new();
-    for (i, visit) in visits.iter().enumerate() {
-        let [from_s, to_s] = visit.span_s;
-        let of_position =
-            || estimates.iter().zip(segments).filter(|(_, s)| **s == visit.position).map(|(e, _)| e);
-        if visits.iter().enumerate().all(|(k, other)| k == i || other.position != visit.position) {
-            all.extend(of_position().cloned());
-            continue;
-        }
-        let away = |e: &CameraEstimate| (e.span_s[0] - to_s).max(from_s - e.span_s[1]).max(0.0);
-        let nearest = of_position().map(&away).fold(f64::INFINITY, f64::min);
-        all.extend(of_position().filter(|e| away(e) <= nearest).map(|e| CameraEstimate {
-            span_s: if nearest > 0.0 {
-                visit.span_s
-            } else {
-                [e.span_s[0].max(from_s), e.span_s[1].min(to_s)]
-            },
-            ..e.clone()
-        }));
+    if visits.is_empty() {
+        return estimates;
     }
-    if visits.is_empty() { estimates } else { all }
+    let of_visit = |visit: &Visit| {
+        let estimate = &estimates[segments.iter().position(|segment| *segment == visit.position)?];
+        let span_s = [estimate.span_s[0].max(visit.span_s[0]), estimate.span_s[1].min(visit.span_s[1])];
+        // Only other visits may have shown cars.
+        let span_s = if span_s[0] > span_s[1] { visit.span_s } else { span_s };
+        Some(CameraEstimate { span_s, ..estimate.clone() })
+    };
+    visits.iter().filter_map(of_visit).collect()
 }
 
 impl CameraTrack {

@@ -162,7 +162,7 @@ impl CameraInputs<'_> {
                     **set = usable(set, self.config.solve.min_keypoint_score);
                 }
             }
-            take(builder.push(frame), image_size, &known);
+            take(builder.push(&frame), image_size, &known);
         }
         if let Some(size) = size {
             take(builder.finish(), size, &known);

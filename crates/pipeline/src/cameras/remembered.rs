@@ -3,17 +3,15 @@
 use std::collections::BTreeMap;
 
 use roadplane_base::{CameraEvidence, EVIDENCE_SCHEMA, Lens, ParkedCar};
-use roadplane_calibrate::{
-    CarIdentity, Epoch, FuseOptions, SegmentStart, WindowEstimate, condense, fuse, joins, same_vehicle,
-};
+use roadplane_calibrate::{CarIdentity, Epoch, FuseOptions, WindowEstimate, condense, joins, same_vehicle};
 
 use crate::cameras::empty_scene_view::EmptySceneView;
 use crate::cameras::memory::{CameraHistory, look};
 
 /// Returns the evidence of the camera's last position, and the identities of its parked vehicles.
 ///
-/// It is evidence on the camera that takes the picture of the empty scene (`view`). `None` where the camera drifted or
-/// moved without a verdict, or where the picture shows another position.
+/// It is evidence on the camera that takes the picture of the empty scene (`view`). `None` where the picture shows
+/// another position.
 pub(crate) fn evidence_of(
     recall: &CameraHistory,
     windows: &[WindowEstimate],
@@ -24,9 +22,6 @@ pub(crate) fn evidence_of(
     options: &FuseOptions,
 ) -> Option<(CameraEvidence, Vec<CarIdentity>)> {
     let last: Vec<WindowEstimate> = windows.iter().filter(|w| w.segment == position).cloned().collect();
-    if fuse(&last, options).len() > 1 {
-        return None;
-    }
     let together = condense(&last, options)
         .unwrap_or_else(|| WindowEstimate::without_cars(options, clip_span_s, position));
     let stood = together.cars.iter().filter(|used| used.parked);
@@ -93,24 +88,14 @@ pub(crate) fn add_remembered(
         .filter_map(|(own, car)| Some((*own, CarIdentity::Stored(known(car)?.0))))
         .collect();
     let first = windows.iter().position(|w| w.segment == position);
-    let (at, from_s, start) = first.map_or((windows.len(), said.span_s[0], SegmentStart::Clip), |at| {
-        (at, windows[at].span_s[0], windows[at].start)
-    });
+    let (at, from_s) = first.map_or((windows.len(), said.span_s[0]), |at| (at, windows[at].span_s[0]));
     for window in &mut windows[at..] {
         for used in &mut window.cars {
             used.car = same.get(&used.car).copied().unwrap_or(used.car);
         }
     }
-    if let Some(first) = windows.get_mut(at) {
-        first.steady = true;
-    }
     let in_world = epoch.windows.iter().filter_map(|window| view.window_in_world(window));
-    let remembered = in_world.map(|window| WindowEstimate {
-        span_s: [from_s; 2],
-        frames: 0,
-        segment: position,
-        start,
-        ..window
-    });
+    let remembered =
+        in_world.map(|window| WindowEstimate { span_s: [from_s; 2], frames: 0, segment: position, ..window });
     windows.splice(at..at, remembered.collect::<Vec<_>>());
 }
