@@ -64,6 +64,15 @@ pub fn bbox_part_seen(whole_px: &[f64; 4], seen_px: &[f64; 4], hidden: [bool; 4]
     })
 }
 
+/// An edge nearer than this to the picture's border is cut off by the picture, px.
+const CUT_PX: f64 = 2.5;
+
+/// Returns whether a box reaches the border of the picture `[left, top, right, bottom]`, edge by edge.
+#[must_use]
+pub fn bbox_cut([x0, y0, x1, y1]: &[f64; 4], [left, top, right, bottom]: &[f64; 4]) -> [bool; 4] {
+    [*x0 < left + CUT_PX, *y0 < top + CUT_PX, *x1 > right - CUT_PX, *y1 > bottom - CUT_PX]
+}
+
 /// Returns the intersection over union of two boxes, 0–1. The result is 0 if a box has no area.
 #[must_use]
 pub fn bbox_iou(a: &[f64; 4], b: &[f64; 4]) -> f64 {

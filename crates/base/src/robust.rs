@@ -43,8 +43,8 @@ pub fn weighted_median(values: &mut [(f64, f64)]) -> Option<f64> {
 /// Near zero the distribution is similar to a Gaussian. Its tails are heavier, so outliers have less influence on an
 /// estimate.
 ///
-/// An estimate maximises the density by iteratively reweighted least squares (Lange, Little and Taylor 1989, J. Am. Stat.
-/// Assoc. 84).
+/// An estimate minimises [`StudentT::cost`] by iteratively reweighted least squares (Lange, Little and Taylor 1989, J.
+/// Am. Stat. Assoc. 84).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct StudentT {
     /// Number of dimensions of an error vector.
@@ -62,6 +62,14 @@ impl StudentT {
     pub fn weight(&self, squared: f64) -> f64 {
         (Self::FREEDOM + self.dimensions) / (Self::FREEDOM + squared)
     }
+
+    /// Returns the negative log density of an error, up to a constant.
+    ///
+    /// `squared` is the squared Mahalanobis distance of the error.
+    #[must_use]
+    pub fn cost(&self, squared: f64) -> f64 {
+        0.5 * (Self::FREEDOM + self.dimensions) * (squared / Self::FREEDOM).ln_1p()
+    }
 }
 
 #[cfg(test)]
@@ -69,11 +77,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_weight_is_the_derivative_of_the_negative_log_density() {
+    fn the_weight_is_the_derivative_of_the_cost() {
         let t = StudentT { dimensions: 3.0 };
-        let cost = |squared: f64| 0.5 * (StudentT::FREEDOM + 3.0) * (squared / StudentT::FREEDOM).ln_1p();
         for squared in [0.0, 0.7, 3.0, 40.0] {
-            let slope = (cost(squared + 1e-6) - cost(squared)) / 1e-6;
+            let slope = (t.cost(squared + 1e-6) - t.cost(squared)) / 1e-6;
             assert!((2.0 * slope - t.weight(squared)).abs() < 1e-5);
         }
     }

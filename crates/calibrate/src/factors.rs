@@ -51,7 +51,7 @@ pub(crate) struct Residual {
 }
 
 /// Step of central differences: rad for angles, and without unit for logarithms.
-const STEP: f64 = 1e-5;
+pub(crate) const STEP: f64 = 1e-5;
 
 impl Component {
     /// Returns the density of a residual times `share`, up to a constant factor.

@@ -28,10 +28,11 @@ use roadplane_base::{ImageSize, Lens, SceneCurve};
 
 use crate::turned_lens::TurnedLens;
 
-/// Largest number of edges that are used. Our files have fewer; files of other programs may have any number.
-const MOST_CURVES: usize = 300;
-/// Least log Bayes factor of a distortion over none: a hundred times.
-const LEAST_GAIN: f64 = 4.6;
+/// Largest number of edges that are used. This program's record files have fewer edges; those of other programs may have
+/// any number.
+pub(crate) const MOST_EDGES: usize = 300;
+/// Least log Bayes factor of what edges show over chance: a hundred times.
+pub(crate) const LEAST_GAIN: f64 = 4.6;
 /// Number of sides of the picture, in the order right, bottom, left, top.
 const SIDES: usize = 4;
 /// Shares of straight edges in the mixture, with equal prior weights.
@@ -79,7 +80,7 @@ impl LensView {
     /// Computes the likelihood from long edges of a site, and from the turns of the camera.
     #[must_use]
     pub fn of(curves: &[SceneCurve], turned: Option<TurnedLens>, size: ImageSize) -> Self {
-        let curves = &curves[..curves.len().min(MOST_CURVES)];
+        let curves = &curves[..curves.len().min(MOST_EDGES)];
         let stray_px = STRAY_SHARE * f64::from(size.width);
         let bends = grid(turned);
         let mut sides = std::array::from_fn(|_| std::array::from_fn(|_| vec![0.0; bends.len()]));

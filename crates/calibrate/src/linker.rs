@@ -6,24 +6,22 @@ use roadplane_base::{CarRecord, FrameRecord, VehicleClass, assign, bbox_centre, 
 /// Provisional identifier of a car, unique within a [`Linker`]; not the number of a track.
 pub type LinkId = u64;
 
-/// A moving car that is missing for longer gets a new identifier, s.
+/// A moving car that is missing for longer gets a new identifier. A box that stays in place for as long is stationary, s.
 const MAX_GAP_S: f64 = 1.0;
 /// A stationary car that is missing for longer gets a new identifier, s.
 const MAX_PARKED_GAP_S: f64 = 30.0;
 /// Sd of a box's centre around its prediction, in box diagonals.
 const CENTRE_SD: f64 = 0.06;
-/// Growth of the centre's sd where the box's velocity is estimated, diagonals per s.
-const KNOWN_DRIFT: f64 = 0.6;
-/// Growth of the centre's sd for a box with one or two detections, diagonals per s.
-const UNKNOWN_DRIFT: f64 = 2.5;
+/// Growth of the centre's sd for a moving box, diagonals per s.
+const DRIFT: f64 = 2.5;
+/// Growth of the centre's sd for a stationary box, diagonals per s.
+const STILL_DRIFT: f64 = 0.12;
 /// Sd of the log of a box's width and height.
 const LOG_SIZE_SD: f64 = 0.2;
 /// Squared normalised distance beyond which two boxes are different cars: 4 sds, squared.
 const GATE: f64 = 16.0;
-/// A box that stays within this share of its diagonal may be stationary.
-const STILL: f64 = 0.06;
-/// Time that a box must stay in place to be stationary, s.
-const STILL_S: f64 = 1.0;
+/// A box that stays within this share of its size (diagonal or longer side) may be stationary.
+pub(crate) const STILL: f64 = 0.06;
 
 /// A car and its last detection.
 #[derive(Clone, Debug)]
@@ -49,7 +47,7 @@ struct Link {
 impl Link {
     /// Returns whether the car is stationary.
     fn is_still(&self) -> bool {
-        self.seen_s - self.anchor_s >= STILL_S
+        self.seen_s - self.anchor_s >= MAX_GAP_S
     }
 
     /// Returns the predicted box at a time, px.
@@ -128,11 +126,7 @@ impl Linker {
 /// Returns the cost of assigning a box to a car: 0 for a perfect match, 1 at the gate, infinite beyond it.
 fn cost(link: &Link, predicted: &[f64; 4], time_s: f64, car: &CarRecord) -> f64 {
     let gap_s = (time_s - link.seen_s).clamp(0.0, 1.0);
-    let drift = match (link.is_still(), link.seen) {
-        (true, _) => 0.2 * KNOWN_DRIFT,
-        (false, 0..=2) => UNKNOWN_DRIFT,
-        (false, _) => KNOWN_DRIFT,
-    };
+    let drift = if link.is_still() { STILL_DRIFT } else { DRIFT };
     let diagonal = (diagonal_px(predicted) * diagonal_px(&car.bbox_px)).sqrt();
     let centre_sd = CENTRE_SD + drift * gap_s;
     let away = (bbox_centre(predicted) - bbox_centre(&car.bbox_px)).norm() / (diagonal * centre_sd).max(1e-9);

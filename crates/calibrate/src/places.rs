@@ -19,8 +19,9 @@ use crate::turns::{Misfit, Turns};
 const MIN_PLACE_S: f64 = 2.0;
 /// Least number of pictures on the references of a place.
 const MIN_PICTURES: u64 = 4;
-/// Sd of a registration that comes on top of its own sd, px. It bounds the weight of a registration on itself.
-const LEAST_SD_PX: f64 = 0.1;
+/// Least sd of a registration, px. Errors of neighbouring blocks are alike, which its own sd leaves out. It also bounds
+/// the weight of a registration on itself.
+pub(crate) const LEAST_SD_PX: f64 = 0.1;
 
 /// Weighted sum of the measurements of one link.
 #[derive(Clone, Copy, Debug, Default)]

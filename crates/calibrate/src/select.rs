@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use roadplane_base::{CarRecord, FrameRecord, ImageSize, KeypointSet, VehicleClass, bbox_centre, bbox_iou};
+use roadplane_base::{CarRecord, FrameRecord, KeypointSet, VehicleClass, bbox_cut, bbox_iou};
 
 use crate::{
     LinkId,
@@ -38,16 +38,12 @@ const MAX_VIEWS_PER_CAR: usize = 6;
 const MIN_SIDE_PX: f64 = 30.0;
 /// Least sum of the keypoints' scores.
 const MIN_KEYPOINTS: f64 = 6.0;
-/// Correlation of the keypoint bias between two views of a moving car.
-const VIEW_CORRELATION: f64 = 0.25;
+/// Correlation of the keypoint bias between two views of a moving car, in one window or in two.
+pub(crate) const VIEW_CORRELATION: f64 = 0.25;
 /// Length of the longer side above which more pixels do not make a view better, px.
 const FULL_SIDE_PX: f64 = 150.0;
 /// Least number of frames of a certain car. Views of other cars come last, and only until there are enough views.
 const SURELY_A_CAR: usize = 10;
-/// Distance of a box from the picture's border up to which it may be cut off, px.
-const NEAR_PX: f64 = 2.5;
-/// Number of cells per axis of the grid over which views are spread.
-const GRID: f64 = 4.0;
 
 /// A view that may be selected.
 struct Candidate {
@@ -57,8 +53,6 @@ struct Candidate {
     look: Look,
     /// Whether the car was stationary.
     parked: bool,
-    /// Grid cell (column, row) of the box's centre.
-    cell: (u8, u8),
 }
 
 impl Candidate {
@@ -82,8 +76,6 @@ pub struct ViewSelector {
     moved: BTreeSet<LinkId>,
     /// Number of frames of this window in which each car was found or carried over.
     seen: BTreeMap<LinkId, usize>,
-    /// Size of the last frame's picture.
-    image: Option<ImageSize>,
 }
 
 impl Default for ViewSelector {
@@ -103,13 +95,11 @@ impl ViewSelector {
             candidates: Vec::new(),
             moved: BTreeSet::new(),
             seen: BTreeMap::new(),
-            image: None,
         }
     }
 
     /// Takes the next frame with the identifiers of its cars (see [`Linker`](crate::Linker)).
     pub fn push(&mut self, frame: &FrameRecord, links: &[LinkId]) {
-        self.image = Some(frame.image_size_px);
         for (car, &link) in frame.cars.iter().zip(links) {
             *self.seen.entry(link).or_default() += 1;
             let Some(look) = self.look(frame, car) else { continue };
@@ -149,7 +139,7 @@ impl ViewSelector {
         };
         chosen
             .into_iter()
-            .map(|Candidate { link, look, parked, .. }| View {
+            .map(|Candidate { link, look, parked }| View {
                 link,
                 keypoints: look.keypoints,
                 bbox_px: look.bbox_px,
@@ -168,16 +158,13 @@ impl ViewSelector {
         if car.class != VehicleClass::Car || side < MIN_SIDE_PX || seen < MIN_KEYPOINTS {
             return None;
         }
-        let [x0, y0, x1, y1] = car.bbox_px;
-        let [left, top, right, bottom] = frame.picture_px();
-        let cut = x0 < left + NEAR_PX || y0 < top + NEAR_PX || x1 > right - NEAR_PX || y1 > bottom - NEAR_PX;
-        let whole = if cut { 0.4 } else { 1.0 };
-        let quality = car.score * seen * (side / FULL_SIDE_PX).min(1.0) * whole;
+        // A part of the car may lie outside the picture.
+        let whole = if bbox_cut(&car.bbox_px, &frame.picture_px()) == [false; 4] { 1.0 } else { 0.4 };
         Some(Look {
             frame: frame.frame,
             bbox_px: car.bbox_px,
             picture_px: frame.picture_px(),
-            quality,
+            quality: car.score * seen * (side / FULL_SIDE_PX).min(1.0) * whole,
             keypoints: keypoints.clone(),
         })
     }
@@ -185,33 +172,25 @@ impl ViewSelector {
     /// Completes a view and adds it to the candidates.
     fn close(&mut self, link: LinkId, stretch: &Stretch) {
         let Some((look, parked)) = stretch.view() else { return };
-        let cell = self.image.map_or((0, 0), |size| {
-            let centre = bbox_centre(&look.bbox_px);
-            let step = |x: f64, side: u32| (GRID * x / f64::from(side)).clamp(0.0, GRID - 1.0) as u8;
-            (step(centre.x, size.width), step(centre.y, size.height))
-        });
-        self.candidates.push(Candidate { link, look, parked, cell });
+        self.candidates.push(Candidate { link, look, parked });
     }
 
     /// Returns the `count` best candidates, chosen one after another.
     ///
-    /// Each chosen view lowers the value of others of its car and of its grid cell. Cars that are not certain come
-    /// after all others, and only while fewer than `enough` views are chosen.
+    /// Each chosen view lowers the value of others of its car. Cars that are not certain come after all others, and only
+    /// while fewer than `enough` views are chosen.
     fn best(&mut self, count: usize, enough: usize) -> Vec<Candidate> {
         let mut left = std::mem::take(&mut self.candidates);
         left.sort_by_key(|c| (c.link, c.look.frame));
         let mut chosen: Vec<Candidate> = Vec::new();
         let mut of_car: BTreeMap<LinkId, usize> = BTreeMap::new();
-        let mut of_cell: BTreeMap<(u8, u8), usize> = BTreeMap::new();
         while chosen.len() < count {
             let worth = |c: &Candidate| {
                 let same_car = of_car.get(&c.link).copied().unwrap_or(0);
-                let same_cell = of_cell.get(&c.cell).copied().unwrap_or(0);
                 let seen = self.seen[&c.link].min(SURELY_A_CAR);
                 let sure = seen == SURELY_A_CAR;
                 let allowed = same_car < MAX_VIEWS_PER_CAR && (sure || chosen.len() < enough);
-                let crowded = (1 + same_car) as f64 * (1.0 + 0.3 * same_cell as f64);
-                allowed.then(|| (sure, seen as f64 * c.look.quality / crowded))
+                allowed.then(|| (sure, seen as f64 * c.look.quality / (1 + same_car) as f64))
             };
             let ranked = left.iter().enumerate().filter_map(|(i, c)| Some((i, worth(c)?)));
             // Of equal candidates the first by car and frame is chosen.
@@ -224,7 +203,6 @@ impl ViewSelector {
             let stays = |c: &Candidate| !self.moved.contains(&c.link);
             left.retain(|other| !(stays(&candidate) && stays(other) && candidate.is_in_place_of(other)));
             *of_car.entry(candidate.link).or_default() += 1;
-            *of_cell.entry(candidate.cell).or_default() += 1;
             chosen.push(candidate);
         }
         chosen

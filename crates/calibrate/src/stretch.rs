@@ -2,7 +2,7 @@
 
 use roadplane_base::{CarRecord, KeypointSet, bbox_centre, median};
 
-use crate::combine;
+use crate::{combine, linker::STILL};
 
 /// One observation of the car.
 #[derive(Clone, Debug)]
@@ -32,8 +32,6 @@ pub(crate) struct Stretch {
 
 /// Largest number of observations that are kept.
 const MAX_LOOKS: usize = 64;
-/// Largest distance of a stationary car's box from the median position, as a share of the longer side of its first box.
-const STILL: f64 = 0.025;
 
 impl Stretch {
     /// Starts with one observation.

@@ -6,8 +6,7 @@
 use nalgebra::{Matrix4, Vector2};
 use roadplane_base::{CameraParams, GroundPlane, Homography, JointInformation};
 
-/// Step of the numerical derivatives, log or rad.
-const STEP: f64 = 1e-5;
+use crate::factors::STEP;
 
 /// Returns the camera after a turn and a zoom. `homography` maps undistorted pixels of its picture to those of the
 /// turned camera, and `centre_px` is the principal point of both. `None` if the homography is no turn.

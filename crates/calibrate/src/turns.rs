@@ -8,6 +8,7 @@ use nalgebra::{Matrix3, Matrix4, Vector2, Vector3, Vector4};
 use roadplane_base::{Homography, ImageSize, Registration, Turn};
 
 use crate::factors::{Factor, Number};
+use crate::places::LEAST_SD_PX;
 use crate::turned_lens::INDEPENDENT;
 
 /// Number of focal lengths of the grid.
@@ -21,8 +22,6 @@ const LEAST_TURN: f64 = 0.02;
 /// Sd of log focal length that does not come from the registrations: a lens that is not of the division model, and a
 /// principal point beside the middle of the picture. It is an estimate.
 const MODEL_SD: f64 = 0.015;
-/// Largest sd of log focal length that is used.
-const MAX_SD: f64 = 0.3;
 /// Least misfit of a camera that is carried along, as a multiple of the misfit that the sds predict (root mean square).
 /// Measured on references: at most 1.6 for 30 rendered pans and 20 films; 1.2 to 8 for rendered cameras that are carried at
 /// 8 m/s, whose references soon leave the view; 32 to 154 for the plane of a road that is passed at 1 m/s.
@@ -30,8 +29,6 @@ const TRAVELLING: f64 = 3.0;
 /// Largest half χ² of one picture in that decision: twice the limit. So the decision needs half of the pictures, and a
 /// few registrations on vehicles that fill the picture do not make it.
 const MOST_MISFIT: f64 = 5.0 * TRAVELLING * TRAVELLING;
-/// Least sd of a registration in the misfit, px. Errors of neighbouring blocks are alike, which its own sd leaves out.
-const LEAST_SD_PX: f64 = 0.1;
 /// Points of a registration that are compared, in each direction.
 const POINTS: usize = 5;
 
@@ -133,7 +130,7 @@ impl Misfit {
         let misfit = (2.0 * least.max(0.0) / (4.0 * self.count)).sqrt();
         let log_sd = (STEP / curvature.sqrt() * misfit.max(1.0)).hypot(MODEL_SD);
         let focal_px = f64::from(size.width) * LEAST_WIDTHS * (STEP * (best as f64 + shift)).exp();
-        (curvature > 0.0 && log_sd < MAX_SD).then_some(Turns { focal_px, log_sd })
+        (curvature > 0.0).then_some(Turns { focal_px, log_sd })
     }
 }
 

@@ -23,12 +23,8 @@ use roadplane_base::{Camera, CameraEstimate, SceneLine};
 
 use self::field::{Field, Node};
 use crate::factors::VerticalVanishingPoint;
-use crate::lens::{STRAIGHT_SD, bend_of_lenses, greatest_bend};
+use crate::lens::{LEAST_GAIN, MOST_EDGES, STRAIGHT_SD, bend_of_lenses, greatest_bend};
 
-/// Largest number of edges that are used. This program's record files have fewer edges; those of other programs may have any number.
-const MOST_LINES: usize = 300;
-/// Least log Bayes factor of vertical edges over chance: a hundred times.
-const LEAST_GAIN: f64 = 4.6;
 /// Largest useful sd of log focal length with a given horizon.
 const WEAKEST: f64 = 0.25;
 
@@ -50,7 +46,7 @@ pub struct Verticals {
 pub fn verticals(lines: &[SceneLine], cars: &CameraEstimate) -> Option<Verticals> {
     let prior = Prior::of(cars)?;
     let width = f64::from(cars.image_size_px.width);
-    let field = Field::new(&lines[..lines.len().min(MOST_LINES)], &cars.principal_point_px, width);
+    let field = Field::new(&lines[..lines.len().min(MOST_EDGES)], &cars.principal_point_px, width);
     let (best, gain) = search(&field, &prior)?;
     if gain < LEAST_GAIN {
         return None;

@@ -11,10 +11,10 @@
 use std::f64::consts::PI;
 
 use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3, Vector4};
-use roadplane_base::{GroundPose, VehicleClass, bbox_foot, fold_axis};
+use roadplane_base::{GroundPose, VehicleClass, bbox_cut, bbox_foot, fold_axis};
 
 use crate::edge::{EDGE_SD_PX, EDGE_SD_SHARE, OUTLINE_SD, OUTWARD};
-use crate::{Body, FrameCamera, LEAST_M, body_box, body_of, cut_edges, either};
+use crate::{Body, FrameCamera, LEAST_M, body_box, body_of, either};
 
 /// Number of headings that are tried in half a turn.
 const HEADINGS: usize = 8;
@@ -80,7 +80,7 @@ pub fn ground_contact(
     view: &FrameCamera,
     knowledge: &Knowledge,
 ) -> Option<GroundContact> {
-    let cut = cut_edges(bbox_px, picture_px);
+    let cut = bbox_cut(bbox_px, picture_px);
     let is_tracked = matches!(knowledge, Knowledge::Track { .. });
     if (cut[0] && cut[2]) || (cut[3] && (cut[1] || !is_tracked)) {
         return None;

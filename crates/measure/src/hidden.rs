@@ -1,5 +1,4 @@
-//! Finds the edges of a vehicle's box at which the vehicle does not end: another vehicle or the border of the picture
-//! hides the rest.
+//! Finds the edges of a vehicle's box at which the vehicle does not end, because another vehicle hides the rest.
 
 /// Largest distance of touching boxes, constant part, px.
 const TOUCH_PX: f64 = 2.0;
@@ -7,14 +6,6 @@ const TOUCH_PX: f64 = 2.0;
 const TOUCH_SHARE: f64 = 0.05;
 /// Least hidden share of an edge for which the edge counts as hidden.
 const HIDDEN_SHARE: f64 = 0.5;
-/// An edge nearer than this to the picture's border is cut off by the picture, px.
-const CUT_PX: f64 = 2.5;
-
-/// Returns whether a box reaches the border of the picture `[left, top, right, bottom]`, edge by edge.
-#[must_use]
-pub fn cut_edges([x0, y0, x1, y1]: &[f64; 4], [left, top, right, bottom]: &[f64; 4]) -> [bool; 4] {
-    [*x0 < left + CUT_PX, *y0 < top + CUT_PX, *x1 > right - CUT_PX, *y1 > bottom - CUT_PX]
-}
 
 /// Returns the edges that are in one set, in the other, or in both.
 #[must_use]

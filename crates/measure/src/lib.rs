@@ -29,5 +29,5 @@ pub use edge::{EDGE_SD_PX, EDGE_SD_SHARE, Edge, OUTLINE_SD, OUTWARD, REACH};
 pub use fit_check::{FitLimits, overlap_inside, projected_box, usable};
 pub use frame_camera::FrameCamera;
 pub use ground_contact::{GroundContact, HEADING_SD_RAD, Knowledge, STEP, ground_contact};
-pub use hidden::{cut_edges, either, hidden_edges};
+pub use hidden::{either, hidden_edges};
 pub use outline::body_box;

@@ -6,8 +6,7 @@
 
 use std::cmp::Ordering;
 
-use roadplane_base::FrameRecord;
-use roadplane_measure::cut_edges;
+use roadplane_base::{FrameRecord, bbox_cut};
 
 use crate::{
     BoxSighting,
@@ -108,7 +107,7 @@ impl ClockReader {
             .cars
             .iter()
             .filter(|car| !car.is_carried_over())
-            .filter(|car| cut_edges(&car.bbox_px, &picture_px) == [false; 4])
+            .filter(|car| bbox_cut(&car.bbox_px, &picture_px) == [false; 4])
             .map(|car| BoxSighting::uncut(car.bbox_px, car.score, car.class))
             .collect();
         // The order of the cars in a frame has no effect.

@@ -6,13 +6,10 @@ use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{CameraParams, JointInformation, StudentT, weighted_median};
 
 use super::FuseOptions;
-use crate::{CarIdentity, CarUse, WindowEstimate};
+use crate::{CarIdentity, CarUse, WindowEstimate, select::VIEW_CORRELATION};
 
 /// Error model of windows; a window with a wrong minimum has little weight.
 const SCATTER: StudentT = StudentT { dimensions: 4.0 };
-
-/// Correlation between the evidence of a car in two windows if the car moved between them. It is 1 for a parked car.
-const MOVING_CORRELATION: f64 = 0.3;
 
 /// Returns whether a window has finite numbers and no negative information.
 pub(super) fn is_usable(window: &WindowEstimate) -> bool {
@@ -32,7 +29,7 @@ fn shares(group: &[&WindowEstimate]) -> Vec<f64> {
     }
     let share = |window: &&WindowEstimate| {
         let of_car = |used: &CarUse| {
-            let correlation = if used.parked { 1.0 } else { MOVING_CORRELATION };
+            let correlation = if used.parked { 1.0 } else { VIEW_CORRELATION };
             1.0 / (1.0 + (windows_of.get(&used.car).copied().unwrap_or(1.0) - 1.0) * correlation)
         };
         let total: f64 = window.cars.iter().map(of_car).sum();

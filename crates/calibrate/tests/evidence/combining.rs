@@ -27,23 +27,21 @@ fn sd(sets: &[KeypointSet]) -> f64 {
 }
 
 #[test]
-fn white_noise_averages_down_to_the_stated_bias() {
-    let sd = sd(&looks(100, 1.0, &mut Rng::new(1)));
-    // Of 4 px, 60 % remain as bias whatever the scatter is; the rest falls to a tenth.
-    assert!((sd - (2.4f64.powi(2) + 0.4f64.powi(2)).sqrt()).abs() < 0.15, "{sd} px");
-}
-
-#[test]
-fn what_does_not_scatter_is_bias() {
-    let sd = sd(&looks(100, 0.2, &mut Rng::new(2)));
-    assert!((sd - 4.0 * (1.0f64 - 0.04).sqrt()).abs() < 0.1, "{sd} px");
+fn the_mean_keeps_the_bias_of_one_observation() {
+    for white in [0.2, 1.0] {
+        let sets = looks(100, white, &mut Rng::new(1));
+        assert!((sd(&sets) - 4.0).abs() < 0.05, "{} px", sd(&sets));
+        let off =
+            combined(&sets)[3].unwrap().pixel - combined(&looks(1, 0.0, &mut Rng::new(1)))[3].unwrap().pixel;
+        assert!(off.norm() < 4.0 * white * 0.4, "the mean has less white noise: {off}");
+    }
 }
 
 #[test]
 fn scatter_beyond_the_prediction_widens_it() {
     let [one, few] = [1, 4].map(|n| sd(&looks(n, 3.0, &mut Rng::new(3))));
     // The scatter of the four observations is more than four times what they predict.
-    let least = 4.0 * (0.6f64.powi(2) + 4.0 / 4.0).sqrt();
+    let least = 4.0 * (1.0 + 4.0 / 4.0_f64).sqrt();
     assert!((one - 4.0).abs() < 1e-9 && few > least, "{one} and {few} px");
 }
 

@@ -4,13 +4,11 @@ use std::collections::BTreeMap;
 
 use nalgebra::Matrix3;
 use roadplane_base::{
-    CarRecord, CarRef, FrameRecord, FrameStamp, GroundPose, PoseRecord, ShapeAtlas, VehicleClass,
+    CarRecord, CarRef, FrameRecord, FrameStamp, GroundPose, PoseRecord, ShapeAtlas, VehicleClass, bbox_cut,
     bbox_part_seen,
 };
 use roadplane_geo::Place;
-use roadplane_measure::{
-    FrameCamera, Knowledge, cut_edges, fit_frame, ground_contact, hidden_edges, projected_box,
-};
+use roadplane_measure::{FrameCamera, Knowledge, fit_frame, ground_contact, hidden_edges, projected_box};
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
 use roadplane_track::{
     BoxSighting, CarMeasurement, Clock, FrameMeasurements, HeldCar, SeenAgain, ShapeBelief, Track,
@@ -234,15 +232,7 @@ impl Pass<'_> {
             [false; 4]
         };
         let held = car.is_some_and(|car| frame.cars[car].held_since.is_some());
-        BoxSighting {
-            bbox_px,
-            score,
-            class,
-            cut: cut_edges(&bbox_px, &frame.picture_px()),
-            hidden,
-            car,
-            held,
-        }
+        BoxSighting { bbox_px, score, class, cut: bbox_cut(&bbox_px, &frame.picture_px()), hidden, car, held }
     }
 }
 
