@@ -1,8 +1,8 @@
 //! Combines many observations of a stationary car to one set of keypoints.
 //!
-//! All frames show the same view of the car, so the net makes almost the same errors in each. The mean over n frames keeps
-//! this bias, whose covariance is C, that of a single observation. It has less white noise. Let r be the scatter over
-//! frames divided by C, for all keypoints of the car. Then the mean has the covariance
+//! All frames show the same view of the car, so the net makes almost the same errors in each. The mean over n frames
+//! keeps this bias. Its covariance is C, that of a single observation. White noise averages out. Let r be the scatter
+//! over frames divided by C, for all keypoints of the car. Then the mean has the covariance
 //!
 //! ```text
 //! C_mean = C · (1 + r / n_eff),    n_eff = n (1 − ρ) / (1 + ρ)

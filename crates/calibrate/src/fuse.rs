@@ -36,6 +36,7 @@ use roadplane_base::{
 };
 
 use self::evidence::Evidence;
+pub(crate) use self::group::VIEW_CORRELATION;
 pub use self::group::condense;
 use self::group::{is_usable, mean, span_s, together};
 use self::horizon::{linearised, of_horizon};

@@ -28,8 +28,8 @@ use roadplane_base::{ImageSize, Lens, SceneCurve};
 
 use crate::turned_lens::TurnedLens;
 
-/// Largest number of edges that are used. This program's record files have fewer edges; those of other programs may have
-/// any number.
+/// Largest number of edges that are used. This program's record files have fewer edges; those of other programs may
+/// have any number.
 pub(crate) const MOST_EDGES: usize = 300;
 /// Least log Bayes factor of what edges show over chance: a hundred times.
 pub(crate) const LEAST_GAIN: f64 = 4.6;

@@ -6,7 +6,8 @@ use roadplane_base::{CarRecord, FrameRecord, VehicleClass, assign, bbox_centre, 
 /// Provisional identifier of a car, unique within a [`Linker`]; not the number of a track.
 pub type LinkId = u64;
 
-/// A moving car that is missing for longer gets a new identifier. A box that stays in place for as long is stationary, s.
+/// A moving car that is missing for longer gets a new identifier, s. A box that stays in place for as long is
+/// stationary.
 const MAX_GAP_S: f64 = 1.0;
 /// A stationary car that is missing for longer gets a new identifier, s.
 const MAX_PARKED_GAP_S: f64 = 30.0;

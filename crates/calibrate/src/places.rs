@@ -12,16 +12,13 @@ use std::collections::{BTreeMap, BTreeSet};
 use roadplane_base::{FrameRecord, Homography, ImageSize, Lens, PictureMotion, Registration};
 
 use crate::adjust::{MeasuredLink, adjusted};
-use crate::turns::{Misfit, Turns};
+use crate::turns::{LEAST_SD_PX, Misfit, Turns};
 
 /// Least time for which pictures must lie on the references of a place, s. A flash or a lorry in front of the camera is
 /// shorter. So are the places that a camera passes at 8 m/s: rendered, they last for up to 1.3 s.
 const MIN_PLACE_S: f64 = 2.0;
 /// Least number of pictures on the references of a place.
 const MIN_PICTURES: u64 = 4;
-/// Least sd of a registration, px. Errors of neighbouring blocks are alike, which its own sd leaves out. It also bounds
-/// the weight of a registration on itself.
-pub(crate) const LEAST_SD_PX: f64 = 0.1;
 
 /// Weighted sum of the measurements of one link.
 #[derive(Clone, Copy, Debug, Default)]

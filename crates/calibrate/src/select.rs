@@ -6,6 +6,7 @@ use roadplane_base::{CarRecord, FrameRecord, KeypointSet, VehicleClass, bbox_cut
 
 use crate::{
     LinkId,
+    fuse::VIEW_CORRELATION,
     remember::SAME_BAY,
     stretch::{Look, Stretch},
 };
@@ -38,8 +39,6 @@ const MAX_VIEWS_PER_CAR: usize = 6;
 const MIN_SIDE_PX: f64 = 30.0;
 /// Least sum of the keypoints' scores.
 const MIN_KEYPOINTS: f64 = 6.0;
-/// Correlation of the keypoint bias between two views of a moving car, in one window or in two.
-pub(crate) const VIEW_CORRELATION: f64 = 0.25;
 /// Length of the longer side above which more pixels do not make a view better, px.
 const FULL_SIDE_PX: f64 = 150.0;
 /// Least number of frames of a certain car. Views of other cars come last, and only until there are enough views.
@@ -177,8 +176,8 @@ impl ViewSelector {
 
     /// Returns the `count` best candidates, chosen one after another.
     ///
-    /// Each chosen view lowers the value of others of its car. Cars that are not certain come after all others, and only
-    /// while fewer than `enough` views are chosen.
+    /// Each chosen view lowers the value of others of its car. Cars that are not certain come after all others, and
+    /// only while fewer than `enough` views are chosen.
     fn best(&mut self, count: usize, enough: usize) -> Vec<Candidate> {
         let mut left = std::mem::take(&mut self.candidates);
         left.sort_by_key(|c| (c.link, c.look.frame));

@@ -8,7 +8,6 @@ use nalgebra::{Matrix3, Matrix4, Vector2, Vector3, Vector4};
 use roadplane_base::{Homography, ImageSize, Registration, Turn};
 
 use crate::factors::{Factor, Number};
-use crate::places::LEAST_SD_PX;
 use crate::turned_lens::INDEPENDENT;
 
 /// Number of focal lengths of the grid.
@@ -29,6 +28,9 @@ const TRAVELLING: f64 = 3.0;
 /// Largest half χ² of one picture in that decision: twice the limit. So the decision needs half of the pictures, and a
 /// few registrations on vehicles that fill the picture do not make it.
 const MOST_MISFIT: f64 = 5.0 * TRAVELLING * TRAVELLING;
+/// Least sd of a registration, px. Errors of neighbouring blocks are alike, which its own sd leaves out. It also bounds
+/// the weight of a registration on itself.
+pub(crate) const LEAST_SD_PX: f64 = 0.1;
 /// Points of a registration that are compared, in each direction.
 const POINTS: usize = 5;
 

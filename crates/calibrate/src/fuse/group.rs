@@ -6,10 +6,13 @@ use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{CameraParams, JointInformation, StudentT, weighted_median};
 
 use super::FuseOptions;
-use crate::{CarIdentity, CarUse, WindowEstimate, select::VIEW_CORRELATION};
+use crate::{CarIdentity, CarUse, WindowEstimate};
 
 /// Error model of windows; a window with a wrong minimum has little weight.
 const SCATTER: StudentT = StudentT { dimensions: 4.0 };
+
+/// Correlation of the keypoint bias between two views of a moving car, in one window or in two.
+pub(crate) const VIEW_CORRELATION: f64 = 0.25;
 
 /// Returns whether a window has finite numbers and no negative information.
 pub(super) fn is_usable(window: &WindowEstimate) -> bool {
