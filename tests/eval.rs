@@ -193,10 +193,10 @@ fn films_of_a_moving_camera_are_compared_with_the_film_at_rest() {
             "1100",
             "--given-focal",
             "--motions",
-            "rest",
             "sway_3px",
             "zoom",
             "far_pan",
+            "tour",
         ])
         .args(["--set", "decode.start_s=1", "--out"])
         .arg(&out)
@@ -207,7 +207,7 @@ fn films_of_a_moving_camera_are_compared_with_the_film_at_rest() {
     let mut reader = csv::Reader::from_path(out.join(table)).unwrap();
     let rows: Vec<BTreeMap<String, String>> = reader.deserialize().map(Result::unwrap).collect();
     let motions: Vec<&str> = rows.iter().map(|row| row["motion"].as_str()).collect();
-    assert_eq!(motions, ["rest", "sway_3px", "zoom", "far_pan"]);
+    assert_eq!(motions, ["rest", "sway_3px", "zoom", "far_pan", "tour"]);
     for row in rows.iter().filter(|row| ["rest", "sway_3px", "zoom"].contains(&row["motion"].as_str())) {
         let number = |column: &str| row[column].parse::<f64>().unwrap();
         assert!(number("tracks") > 0.0 && number("observed, %") > 90.0, "{row:?}");

@@ -1,8 +1,9 @@
 //! Combines many observations of a stationary car to one set of keypoints.
 //!
-//! All frames show the same view of the car, so the net makes almost the same errors in each. The mean over n frames
-//! keeps this bias. Its covariance is C, that of a single observation. White noise averages out. Let r be the scatter
-//! over frames divided by C, for all keypoints of the car. Then the mean has the covariance
+//! All frames show the same view of the car, so the net makes similar errors in each. A single observation has the
+//! covariance C. The share of bias in C is unknown, so all of C counts as bias of the mean. The white noise of the mean
+//! of n frames is added. Let r be the scatter over frames divided by C, for all keypoints of the car. Then the mean has
+//! the covariance
 //!
 //! ```text
 //! C_mean = C · (1 + r / n_eff),    n_eff = n (1 − ρ) / (1 + ρ)
@@ -23,7 +24,7 @@ struct Mean {
     point: Keypoint,
     /// Number of frames that contain the keypoint.
     frames: f64,
-    /// Sum of δᵀC⁻¹δ / 2 over the frames, where δ is the deviation from the mean.
+    /// Sum of w δᵀC⁻¹δ / 2 over the frames, where δ is the deviation from the mean and w the weight.
     scatter: f64,
     /// Sum of δ·δ over the frames, px²; used for ρ.
     own: f64,
@@ -48,7 +49,7 @@ pub fn combine(looks: &[&KeypointSet]) -> Box<KeypointSet> {
 
 /// Returns the robust mean of one keypoint.
 ///
-/// `None` where most frames lack the keypoint, or where a covariance is singular.
+/// `None` where most frames lack the keypoint. Observations with a singular covariance do not count.
 fn mean_of(looks: &[&KeypointSet], index: usize) -> Option<Mean> {
     let seen: Vec<(&Keypoint, Matrix2<f64>)> = looks
         .iter()
@@ -60,16 +61,17 @@ fn mean_of(looks: &[&KeypointSet], index: usize) -> Option<Mean> {
     }
     let middle = |axis: usize| median(&mut seen.iter().map(|(p, _)| p.pixel[axis]).collect::<Vec<_>>());
     let mut pixel = Vector2::new(middle(0)?, middle(1)?);
+    let mut weights = Vec::new();
     for _ in 0..10 {
         let away: Vec<f64> = seen.iter().map(|(p, _)| (p.pixel - pixel).norm()).collect();
         // The median of a Rayleigh variable is 1.1774 sds.
         let sd = (median(&mut away.clone())? / 1.1774).max(1e-9);
+        weights = away.iter().map(|distance| SCATTER.weight((distance / sd).powi(2))).collect();
         let mut sum = Vector2::zeros();
         let mut information = Matrix2::zeros();
-        for ((point, inverse), distance) in seen.iter().zip(&away) {
-            let weight = SCATTER.weight((distance / sd).powi(2));
-            information += inverse * weight;
-            sum += inverse * weight * point.pixel;
+        for ((point, inverse), weight) in seen.iter().zip(&weights) {
+            information += inverse * *weight;
+            sum += inverse * *weight * point.pixel;
         }
         pixel = information.cholesky()?.inverse() * sum;
     }
@@ -77,7 +79,8 @@ fn mean_of(looks: &[&KeypointSet], index: usize) -> Option<Mean> {
     let total: Matrix2<f64> = seen.iter().map(|(_, inverse)| inverse).sum();
     let frames = seen.len() as f64;
     let deviations: Vec<Vector2<f64>> = seen.iter().map(|(p, _)| p.pixel - pixel).collect();
-    let squares = seen.iter().zip(&deviations).map(|((_, inverse), d)| d.dot(&(inverse * d)));
+    let square = |((_, inverse), d): (&(&Keypoint, Matrix2<f64>), &Vector2<f64>)| d.dot(&(inverse * d));
+    let squares = seen.iter().zip(&deviations).map(square).zip(&weights);
     let point = Keypoint {
         pixel,
         score: seen.iter().map(|(point, _)| point.score).sum::<f64>() / looks.len() as f64,
@@ -86,7 +89,7 @@ fn mean_of(looks: &[&KeypointSet], index: usize) -> Option<Mean> {
     Some(Mean {
         point,
         frames,
-        scatter: 0.5 * squares.sum::<f64>(),
+        scatter: 0.5 * squares.map(|(square, weight)| square * weight).sum::<f64>(),
         own: deviations.iter().map(Vector2::norm_squared).sum(),
         lagged: deviations.windows(2).map(|pair| pair[0].dot(&pair[1])).sum(),
     })
@@ -100,7 +103,8 @@ mod tests {
 
     #[test]
     fn the_scatter_is_relative_to_the_prediction() {
-        for (white, expected, tolerance) in [(1.0, 1.0, 0.1), (0.2, 0.04, 0.01)] {
+        // The weights leave 83 % of the squares of Gaussian errors.
+        for (white, expected, tolerance) in [(1.0, 0.83, 0.08), (0.2, 0.033, 0.005)] {
             let mut random = Rng::new(1);
             let mut coordinate = || 100.0 + 4.0 * white * random.normal();
             let mut point = || Keypoint {

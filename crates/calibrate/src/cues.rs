@@ -76,12 +76,14 @@ impl Cues {
             let here: Vec<WindowEstimate> =
                 windows.iter().filter(|window| window.segment == position).cloned().collect();
             let mut view = SceneView { position, lines, verticals: None, turns: None };
-            if !options.focal_given && !fuse(&here, options).is_empty() {
+            if !options.focal_given {
                 view.turns = self.turns.get(&position).copied();
                 let mut options = options.clone();
                 view.add_factors(&mut options.factors);
-                let camera = fuse(&here, &options).pop();
-                view.verticals = camera.and_then(|camera| verticals(&view.lines, &camera));
+                match fuse(&here, &options).pop() {
+                    Some(camera) => view.verticals = verticals(&view.lines, &camera),
+                    None => view.turns = None,
+                }
             }
             view
         });

@@ -16,24 +16,22 @@ pub struct Window {
     pub views: Vec<View>,
     /// Index of the camera position, from 0. Where the camera returns to a position, it has the same index again.
     pub segment: usize,
-    /// Whether this is the camera of the position before, whose cars are on the second plane of a [`Fold`].
-    pub on_second_plane: bool,
 }
 
 impl Window {
-    /// Divides the window of a site with a fold into two: the views on this side of the line, and those beyond it.
+    /// Divides the window of a site with a fold into two: the views on this side of the line, and those beyond it. The
+    /// second one has the next index, although the camera is the same.
     ///
     /// `foot_px` gives the position of a box as in [`Fold`].
     #[must_use]
     pub fn divided(self, fold: &Fold, foot_px: impl Fn(&[f64; 4]) -> Vector2<f64>) -> [Self; 2] {
         let (beyond, here) = self.views.into_iter().partition(|view| fold.is_beyond(&foot_px(&view.bbox_px)));
         let Self { span_s, frames, segment, .. } = self;
-        [(here, segment, false), (beyond, segment + 1, true)].map(|(views, segment, on_second_plane)| Self {
+        [(here, segment), (beyond, segment + 1)].map(|(views, segment)| Self {
             span_s,
             frames,
             views,
             segment,
-            on_second_plane,
         })
     }
 }
@@ -97,7 +95,6 @@ impl EvidenceBuilder {
     /// Ends the current window and returns it; `None` if it has no frame.
     pub fn finish(&mut self) -> Option<Window> {
         let Open { span_s, frames } = self.open.take()?;
-        let views = self.selector.take();
-        Some(Window { span_s, frames, views, segment: self.segment, on_second_plane: false })
+        Some(Window { span_s, frames, views: self.selector.take(), segment: self.segment })
     }
 }

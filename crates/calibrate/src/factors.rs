@@ -50,6 +50,8 @@ pub(crate) struct Residual {
     pub components: Vec<Component>,
 }
 
+/// Largest sd of log focal length for which a cue counts. A Gaussian does not describe a wider distribution.
+pub(crate) const WEAKEST: f64 = 0.25;
 /// Step of central differences: rad for angles, and without unit for logarithms.
 pub(crate) const STEP: f64 = 1e-5;
 

@@ -18,7 +18,7 @@
 //! q_w = mean over its cars k of  1 / (1 + (n_k − 1) γ_k)
 //! ```
 //!
-//! Here n_k is the number of windows with car k in this interval. The correlation between the evidence of car k in two
+//! Here n_k is the number of windows with car k at this position. The correlation between the evidence of car k in two
 //! windows is γ_k, about 1 for a parked car. A clip of one parked row gives the same sd with one window or with a
 //! hundred.
 
@@ -80,8 +80,6 @@ pub struct WindowEstimate {
     pub cars: Vec<CarUse>,
     /// Index of the camera position, from 0, as in [`Window`](crate::Window).
     pub segment: usize,
-    /// Whether this is the camera of the position before, as in [`Window`](crate::Window).
-    pub on_second_plane: bool,
 }
 
 impl WindowEstimate {
@@ -95,7 +93,6 @@ impl WindowEstimate {
             joint: JointInformation::none(),
             cars: Vec::new(),
             segment,
-            on_second_plane: false,
         }
     }
 }
@@ -118,8 +115,9 @@ pub struct FuseOptions {
     pub bend_sd: Option<f64>,
     /// Other factors on the camera, by camera position ([`WindowEstimate::segment`]). Each factor is counted once.
     ///
-    /// A number that a camera move does not change is counted at the first position for which it holds.
     pub factors: BTreeMap<usize, Vec<Factor>>,
+    /// Whether the positions are the two planes of a folded ground below one camera ([`Fold`](crate::Fold)).
+    pub is_folded: bool,
     /// Sd of the log size of the site's cars relative to the atlas.
     ///
     /// All windows share this error of scale. Factors in metres determine it.
@@ -163,6 +161,7 @@ impl FuseOptions {
             lens: Lens::STRAIGHT,
             bend_sd: None,
             factors: BTreeMap::new(),
+            is_folded: false,
             size_of_cars_sd: 0.0,
         }
     }
@@ -175,7 +174,7 @@ const STILL: f64 = 1e-9;
 
 /// Fuses the windows of a clip, in the order of time.
 ///
-/// There is one estimate per camera position. A position without windows with finite numbers has no estimate.
+/// There is one estimate per camera position. A position without a usable window has no estimate.
 #[must_use]
 pub fn fuse(windows: &[WindowEstimate], options: &FuseOptions) -> Vec<CameraEstimate> {
     join(windows, options).estimates
@@ -202,7 +201,7 @@ pub fn join(windows: &[WindowEstimate], options: &FuseOptions) -> Joined {
     let (nodes, states) = solve(&pieces, options);
     let solved = pieces.iter().zip(&nodes).zip(&states);
     Joined {
-        segments: pieces.iter().map(Piece::segment).collect(),
+        segments: pieces.iter().map(|piece| piece.windows[0].segment).collect(),
         estimates: solved
             .map(|((piece, node), state)| estimate(piece.windows, node, state, options))
             .collect(),
@@ -218,30 +217,17 @@ struct Piece<'a, 'w> {
     cars: (Evidence, Vector4<f64>),
     /// Other factors.
     factors: Vec<&'a Factor>,
-    /// Whether the focal length is that of the piece before.
-    keeps_focal: bool,
-}
-
-impl Piece<'_, '_> {
-    /// Returns the index of the camera position.
-    fn segment(&self) -> usize {
-        self.windows.first().map_or(0, |window| window.segment)
-    }
 }
 
 /// Divides windows into pieces, one per camera position. `usable` is sorted by position and time.
 fn pieces<'a, 'w>(usable: &'a [&'w WindowEstimate], options: &'a FuseOptions) -> Vec<Piece<'a, 'w>> {
     let positions = usable.chunk_by(|a, b| a.segment == b.segment);
-    let piece = |(i, windows): (usize, &'a [&'w WindowEstimate])| {
-        let keeps_focal = i > 0 && windows[0].on_second_plane;
-        let here = options.factors.get(&windows[0].segment);
-        // A focal length was counted at the position before.
-        let counts =
-            |factor: &&Factor| !matches!(factor, Factor::Number(number) if keeps_focal && number.which == 0);
-        let factors = here.into_iter().flatten().filter(counts).collect();
-        Piece { windows, cars: evidence_of_cars(windows, options), factors, keeps_focal }
+    let piece = |windows: &'a [&'w WindowEstimate]| Piece {
+        windows,
+        cars: evidence_of_cars(windows, options),
+        factors: options.factors.get(&windows[0].segment).into_iter().flatten().collect(),
     };
-    positions.enumerate().map(piece).collect()
+    positions.map(piece).collect()
 }
 
 /// Returns the evidence of a group of windows, and the camera at which it was linearised.
@@ -267,7 +253,7 @@ fn solve(pieces: &[Piece<'_, '_>], options: &FuseOptions) -> (Vec<Node>, Vec<Gau
         nodes.clear();
         for (i, (piece, factors)) in pieces.iter().zip(&mut factors).enumerate() {
             let cars = linearised(&piece.cars.0, &at[i][0]);
-            let mut node = Node { cars, metres: Evidence::none(), keeps_focal: piece.keeps_focal };
+            let mut node = Node { cars, metres: Evidence::none() };
             // The first round has cars alone. It shows where the factors are to be linearised.
             if let Some(state) = states.get(i) {
                 let all = state.evidence();
@@ -282,7 +268,7 @@ fn solve(pieces: &[Piece<'_, '_>], options: &FuseOptions) -> (Vec<Node>, Vec<Gau
             nodes.push(node);
         }
         let is_first = states.is_empty();
-        states = smooth(&nodes, &options.prior, options.size_of_cars_sd);
+        states = smooth(&nodes, options);
         let here: Vec<[Vector4<f64>; 2]> = states.iter().map(both_scales).collect();
         let moved = here.iter().zip(&at).map(|(here, at)| (here[1] - at[1]).amax()).fold(0.0, f64::max);
         at = here;

@@ -31,7 +31,7 @@ use crate::turned_lens::TurnedLens;
 /// Largest number of edges that are used. This program's record files have fewer edges; those of other programs may
 /// have any number.
 pub(crate) const MOST_EDGES: usize = 300;
-/// Least log Bayes factor of what edges show over chance: a hundred times.
+/// Least log Bayes factor of a distortion, or of vertical edges, over chance: a hundred times.
 pub(crate) const LEAST_GAIN: f64 = 4.6;
 /// Number of sides of the picture, in the order right, bottom, left, top.
 const SIDES: usize = 4;

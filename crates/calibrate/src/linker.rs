@@ -6,9 +6,9 @@ use roadplane_base::{CarRecord, FrameRecord, VehicleClass, assign, bbox_centre, 
 /// Provisional identifier of a car, unique within a [`Linker`]; not the number of a track.
 pub type LinkId = u64;
 
-/// A moving car that is missing for longer gets a new identifier, s. A box that stays in place for as long is
-/// stationary.
-const MAX_GAP_S: f64 = 1.0;
+/// A short time, s. A moving car that is missing for longer gets a new identifier. A box that stays in place for as long
+/// is stationary.
+const SHORT_S: f64 = 1.0;
 /// A stationary car that is missing for longer gets a new identifier, s.
 const MAX_PARKED_GAP_S: f64 = 30.0;
 /// Sd of a box's centre around its prediction, in box diagonals.
@@ -48,7 +48,7 @@ struct Link {
 impl Link {
     /// Returns whether the car is stationary.
     fn is_still(&self) -> bool {
-        self.seen_s - self.anchor_s >= MAX_GAP_S
+        self.seen_s - self.anchor_s >= SHORT_S
     }
 
     /// Returns the predicted box at a time, px.
@@ -75,7 +75,7 @@ impl Linker {
         let time_s = frame.time_s;
         self.links.retain(|link| {
             let gap_s = time_s - link.seen_s;
-            gap_s <= if link.is_still() { MAX_PARKED_GAP_S } else { MAX_GAP_S }
+            gap_s <= if link.is_still() { MAX_PARKED_GAP_S } else { SHORT_S }
         });
         // Boxes are sorted, so that their order in the frame does not matter.
         let mut order: Vec<usize> = (0..frame.cars.len()).collect();

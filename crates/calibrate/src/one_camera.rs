@@ -146,9 +146,6 @@ impl<I> OneCamera<I> {
                 let cut =
                     CameraMove { kind: MoveKind::Cut, since_frame, since_s, shift_px: None, log_scale: None };
                 watch.moved = first_of_place.then_some(cut);
-                if matches!(watch.verdict, PictureVerdict::Unsettled | PictureVerdict::Moving) && !is_lost {
-                    watch.verdict = PictureVerdict::Rest;
-                }
             }
             if !picture_from_world.is_identity() {
                 watch.picture_from_world = Some(picture_from_world);

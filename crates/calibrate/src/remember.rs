@@ -157,7 +157,6 @@ impl<'a> Epoch<'a> {
             joint: clip.joint(),
             cars,
             segment: 0,
-            on_second_plane: false,
         });
         self.clips.push(clip);
     }

@@ -7,7 +7,7 @@
 use nalgebra::{Matrix3, Matrix4, Vector2, Vector3, Vector4};
 use roadplane_base::{Homography, ImageSize, Registration, Turn};
 
-use crate::factors::{Factor, Number};
+use crate::factors::{Factor, Number, WEAKEST};
 use crate::turned_lens::INDEPENDENT;
 
 /// Number of focal lengths of the grid.
@@ -28,8 +28,8 @@ const TRAVELLING: f64 = 3.0;
 /// Largest half χ² of one picture in that decision: twice the limit. So the decision needs half of the pictures, and a
 /// few registrations on vehicles that fill the picture do not make it.
 const MOST_MISFIT: f64 = 5.0 * TRAVELLING * TRAVELLING;
-/// Least sd of a registration, px. Errors of neighbouring blocks are alike, which its own sd leaves out. It also bounds
-/// the weight of a registration on itself.
+/// Least sd of a registration, px. Errors of neighbouring blocks are alike, which its own sd leaves out. `places.rs`
+/// adds it to the sds of a link, so that no link is exact.
 pub(crate) const LEAST_SD_PX: f64 = 0.1;
 /// Points of a registration that are compared, in each direction.
 const POINTS: usize = 5;
@@ -132,7 +132,7 @@ impl Misfit {
         let misfit = (2.0 * least.max(0.0) / (4.0 * self.count)).sqrt();
         let log_sd = (STEP / curvature.sqrt() * misfit.max(1.0)).hypot(MODEL_SD);
         let focal_px = f64::from(size.width) * LEAST_WIDTHS * (STEP * (best as f64 + shift)).exp();
-        (curvature > 0.0).then_some(Turns { focal_px, log_sd })
+        (curvature > 0.0 && log_sd < WEAKEST).then_some(Turns { focal_px, log_sd })
     }
 }
 
@@ -259,6 +259,15 @@ mod tests {
             let pan = turned(focal_px, 0.1, |t| [0.25 * 1280.0 / focal_px * t, 0.01, 0.02 * t, 1.0]).unwrap();
             assert!((pan.focal_px / focal_px).ln().abs() < 3.0 * pan.log_sd, "{focal_px}: {pan:?}");
             assert!((pan.focal_px / focal_px).ln().abs() < 0.06, "{focal_px}: {pan:?}");
+        }
+    }
+
+    #[test]
+    fn a_zoom_and_a_roll_alone_show_no_focal_length() {
+        for noise_px in [0.0, 0.1] {
+            let zoom = turned(1500.0, noise_px, |t| [0.0, 0.0, 0.0, 1.0 + 0.25 * t]);
+            let roll = turned(1500.0, noise_px, |t| [0.0, 0.0, 0.2 * t, 1.0]);
+            assert_eq!((zoom, roll), (None, None), "{noise_px} px");
         }
     }
 

@@ -22,11 +22,8 @@ use nalgebra::{Matrix2, Vector2};
 use roadplane_base::{Camera, CameraEstimate, SceneLine};
 
 use self::field::{Field, Node};
-use crate::factors::VerticalVanishingPoint;
+use crate::factors::{VerticalVanishingPoint, WEAKEST};
 use crate::lens::{LEAST_GAIN, MOST_EDGES, STRAIGHT_SD, bend_of_lenses, greatest_bend};
-
-/// Largest useful sd of log focal length with a given horizon.
-const WEAKEST: f64 = 0.25;
 
 /// The vertical of a scene.
 #[derive(Clone, Debug, PartialEq)]

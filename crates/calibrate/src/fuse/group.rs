@@ -107,7 +107,6 @@ pub fn condense(windows: &[WindowEstimate], options: &FuseOptions) -> Option<Win
         joint,
         cars,
         segment: first.segment,
-        on_second_plane: first.on_second_plane,
     })
 }
 

@@ -1,28 +1,26 @@
-//! Kalman filter in information form and Rauch–Tung–Striebel smoother over pieces of evidence in time.
+//! Kalman filter in information form and Rauch–Tung–Striebel smoother over the camera positions.
 //!
 //! The state is (log f, tilt, roll, log h', log s). The size s of the site's cars relative to the atlas is the same at
-//! all times. Cars determine the height h' = h / s that the camera would have if they had the atlas's sizes. Factors in
+//! all positions. Cars determine the height h' = h / s that the camera would have if they had the atlas's sizes. Factors in
 //! metres determine h = h' s, and so s.
 
 use nalgebra::{Matrix4, SMatrix, SVector, Vector4};
 
+use super::FuseOptions;
 use super::evidence::Evidence;
-use crate::prior::FusePrior;
 
 /// The state (log f, tilt, roll, log h', log s): the camera and the size of the cars.
 type State = SVector<f64, 5>;
 /// A covariance or information matrix of the state.
 type Square = SMatrix<f64, 5, 5>;
 
-/// One piece of evidence in time, and the step that leads to it.
+/// The evidence of one camera position.
 #[derive(Clone, Debug)]
 pub(super) struct Node {
     /// Evidence of (log f, tilt, roll, log h') from cars.
     pub cars: Evidence,
     /// Evidence of (log f, tilt, roll, log h) from factors in metres.
     pub metres: Evidence,
-    /// Whether the focal length is that of the previous node. All other numbers of the camera start from the prior.
-    pub keeps_focal: bool,
 }
 
 /// A Gaussian of the state: mean and covariance.
@@ -64,21 +62,24 @@ fn into_metres() -> SMatrix<f64, 4, 5> {
 /// Least variance of log s; it keeps the matrices invertible.
 const LEAST_VARIANCE: f64 = 1e-12;
 
-/// Returns the posterior at each node given all nodes. `prior` is that of the camera, `size_sd` the sd of log s.
-pub(super) fn smooth(nodes: &[Node], prior: &FusePrior, size_sd: f64) -> Vec<Gaussian> {
-    let variance = prior.sd.map(|sd| sd * sd).push((size_sd * size_sd).max(LEAST_VARIANCE));
+/// Returns the posterior at each node given all nodes. `options` has the priors.
+pub(super) fn smooth(nodes: &[Node], options: &FuseOptions) -> Vec<Gaussian> {
+    let FuseOptions { prior, size_of_cars_sd, is_folded, .. } = options;
+    let variance = prior.sd.map(|sd| sd * sd).push((size_of_cars_sd * size_of_cars_sd).max(LEAST_VARIANCE));
     let start = Gaussian(prior.params.to_vector().push(0.0), Square::from_diagonal(&variance));
+    // 1 for each number that all positions have in common, and 0 for the others.
+    let shared = State::new(if *is_folded { 1.0 } else { 0.0 }, 0.0, 0.0, 0.0, 1.0);
     let mut predicted: Vec<Gaussian> = Vec::with_capacity(nodes.len());
     let mut filtered: Vec<Gaussian> = Vec::with_capacity(nodes.len());
     for node in nodes {
-        let before = filtered.last().map_or(start, |last| advance(last, node.keeps_focal, &start));
+        let before = filtered.last().map_or(start, |last| advance(last, &shared, &start));
         filtered.push(update(&before, node));
         predicted.push(before);
     }
     let mut smoothed = filtered.clone();
     for i in (0..nodes.len().saturating_sub(1)).rev() {
         let Some(factor) = predicted[i + 1].1.cholesky() else { continue };
-        let kept = Square::from_diagonal(&kept(nodes[i + 1].keeps_focal));
+        let kept = Square::from_diagonal(&shared);
         let gain = factor.solve(&(kept * filtered[i].1)).transpose();
         let Gaussian(mean, covariance) = smoothed[i + 1];
         smoothed[i].0 += gain * (mean - predicted[i + 1].0);
@@ -88,17 +89,11 @@ pub(super) fn smooth(nodes: &[Node], prior: &FusePrior, size_sd: f64) -> Vec<Gau
     smoothed
 }
 
-/// Returns 1 for each number of the state that carries over from one node to the next, and 0 for the others.
-fn kept(keeps_focal: bool) -> State {
-    State::new(if keeps_focal { 1.0 } else { 0.0 }, 0.0, 0.0, 0.0, 1.0)
-}
-
-/// Predicts the state of the next node. Numbers that are not kept start again from `prior`.
-fn advance(Gaussian(mean, covariance): &Gaussian, keeps_focal: bool, prior: &Gaussian) -> Gaussian {
-    let kept = kept(keeps_focal);
-    let anew = State::repeat(1.0) - kept;
+/// Predicts the state of the next node. Numbers that are not `shared` start again from `prior`.
+fn advance(Gaussian(mean, covariance): &Gaussian, shared: &State, prior: &Gaussian) -> Gaussian {
+    let anew = State::repeat(1.0) - shared;
     let variance = anew.component_mul(&prior.1.diagonal());
-    let kept = Square::from_diagonal(&kept);
+    let kept = Square::from_diagonal(shared);
     Gaussian(
         kept * mean + anew.component_mul(&prior.0),
         kept * covariance * kept + Square::from_diagonal(&variance),

@@ -53,14 +53,25 @@ fn every_fourth_look_far_off_does_little() {
     }
     let truth = 100.0 + 200.0 * 3.5 / 6.0;
     assert!((combined(&sets)[3].unwrap().pixel.x - truth).abs() < 2.0);
+    assert!(sd(&sets) < 4.5, "{} px", sd(&sets));
 }
 
 #[test]
-fn keypoints_seen_rarely_are_left_out() {
+fn a_quarter_of_the_frames_that_another_car_hides_does_little() {
+    let mut sets = looks(40, 0.5, &mut Rng::new(4));
+    for set in sets.iter_mut().skip(12).take(10) {
+        set.iter_mut().flatten().for_each(|p| p.pixel.x += 60.0);
+    }
+    assert!(sd(&sets) < 9.0, "{} px", sd(&sets));
+}
+
+#[test]
+fn keypoints_that_most_frames_lack_are_left_out() {
     let mut sets = looks(10, 1.0, &mut Rng::new(5));
-    sets.iter_mut().skip(2).for_each(|set| set[3] = None);
+    sets.iter_mut().skip(4).for_each(|set| set[3] = None);
+    sets.iter_mut().skip(5).for_each(|set| set[4] = None);
     let found = combined(&sets);
-    assert!(found[3].is_none());
+    assert!(found[3].is_none() && found[4].is_some());
     assert_eq!(found.iter().flatten().count(), KEYPOINTS / 2 - 1);
     assert!(combined(&[]).iter().all(Option::is_none));
 }

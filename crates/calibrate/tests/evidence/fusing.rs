@@ -32,7 +32,6 @@ fn window(index: usize, params: &Vector4<f64>, cars: Vec<CarUse>) -> WindowEstim
         joint: JointInformation::of_camera(&covariance().try_inverse().unwrap(), params),
         cars,
         segment: 0,
-        on_second_plane: false,
     }
 }
 
@@ -150,12 +149,13 @@ fn two_planes_share_their_focal_length_and_two_positions_share_nothing() {
             let first = 10 * i as u64;
             let mut w = window(i, &(at + draw(&mut random)), parked(first..first + 10));
             if i >= 6 {
-                (w.segment, w.on_second_plane) = (1, true);
+                w.segment = 1;
             }
             w
         })
         .collect();
-    let fused = fuse(&windows, &options());
+    let folded = FuseOptions { is_folded: true, ..options() };
+    let fused = fuse(&windows, &folded);
     assert_eq!(fused.len(), 2);
     assert!(fused[0].span_s[1] < fused[1].span_s[0]);
     assert!((fused[1].params.tilt - fused[0].params.tilt - 0.15).abs() < 0.04);
@@ -163,9 +163,7 @@ fn two_planes_share_their_focal_length_and_two_positions_share_nothing() {
     let alone = fuse(&windows[6..], &options());
     assert!(fused[1].covariance[(0, 0)] < 0.8 * alone[0].covariance[(0, 0)], "the other half helps");
     // At another position of the camera, the other half does not help.
-    let moved: Vec<WindowEstimate> =
-        windows.iter().map(|w| WindowEstimate { on_second_plane: false, ..w.clone() }).collect();
-    assert!((fuse(&moved, &options())[1].covariance - alone[0].covariance).norm() < 1e-9);
+    assert!((fuse(&windows, &options())[1].covariance - alone[0].covariance).norm() < 1e-9);
 }
 
 /// Returns the horizon's distance from the principal point (px) and its sd.
@@ -308,19 +306,15 @@ fn a_camera_by_cars_shares_their_error_and_a_survey_does_not() {
 }
 
 #[test]
-fn a_focal_length_of_two_planes_is_counted_once() {
-    let factor = Factor::Number(Number { which: 0, value: truth()[0], sd: 0.02 });
-    let mut windows = [window(0, &truth(), parked(0..2)), window(1, &truth(), parked(2..4))];
-    for window in &mut windows {
-        let mut diagonal = window.joint.information.diagonal();
-        diagonal[0] = 0.0;
-        window.joint = JointInformation::of_camera(&Matrix4::from_diagonal(&diagonal), &truth());
-    }
+fn a_length_at_one_position_tells_the_size_of_cars_at_all() {
+    let mut windows = [window(0, &truth(), parked(0..9)), window(1, &truth(), parked(9..18))];
     windows[1].segment = 1;
-    windows[1].on_second_plane = true;
-    let factors = [(0, [factor.clone()].into()), (1, [factor].into())].into();
-    let fused = fuse(&windows, &FuseOptions { factors, ..options() });
-    let sd = fused[0].covariance[(0, 0)].sqrt();
-    assert!((sd - 0.02).abs() < 1e-4, "{sd}");
-    assert!((fused[1].covariance[(0, 0)].sqrt() - sd).abs() < 1e-6);
+    let sd = |factors: &[Factor]| {
+        let factors = [(0, factors.into())].into();
+        fuse(&windows, &FuseOptions { factors, size_of_cars_sd: 0.04, ..options() })[1].covariance[(3, 3)]
+            .sqrt()
+    };
+    let by_cars = sd(&[]).powi(2) - 0.04_f64.powi(2);
+    let size_sd = (sd(&[true_length(0.01)]).powi(2) - by_cars).sqrt();
+    assert!(size_sd < 0.035 && size_sd > 0.01, "{size_sd}");
 }

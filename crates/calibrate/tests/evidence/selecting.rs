@@ -25,7 +25,7 @@ fn a_parked_car_is_one_view_however_long() {
         let views = views(&rows(5), frames, 30.0, ViewSelector::default());
         assert_eq!(views.len(), 10);
         assert!(views.iter().all(|v| v.parked && (v.weight - 1.0).abs() < 1e-12));
-        // The keypoints claim an sd of 2 px, most of which may be bias.
+        // The keypoints claim an sd of 2 px, all of which counts as bias.
         let sds = views[0].keypoints.iter().flatten().map(|point| point.sd_px()).collect::<Vec<_>>();
         let share = sds.iter().map(|sd| (sd / 2.0).powi(2)).sum::<f64>() / sds.len() as f64;
         assert!((1.0..1.02).contains(&share), "{share}");

@@ -182,7 +182,6 @@ fn window(cars: &CameraEstimate) -> WindowEstimate {
         joint: JointInformation::of_camera(&cars.covariance.try_inverse().unwrap(), &cars.params.to_vector()),
         cars: Vec::new(),
         segment: 0,
-        on_second_plane: false,
     }
 }
 

@@ -59,7 +59,7 @@ pub(super) fn by_visits(
     let of_visit = |visit: &Visit| {
         let estimate = &estimates[segments.iter().position(|segment| *segment == visit.position)?];
         let span_s = [estimate.span_s[0].max(visit.span_s[0]), estimate.span_s[1].min(visit.span_s[1])];
-        // Only other visits may have shown cars.
+        // Cars may have been found during other visits only.
         let span_s = if span_s[0] > span_s[1] { visit.span_s } else { span_s };
         Some(CameraEstimate { span_s, ..estimate.clone() })
     };
@@ -129,5 +129,25 @@ mod tests {
         let visit = |position: usize| Visit { position, span_s: [0.0, 1.0] };
         assert_eq!(positions(&[0, 1, 0].map(visit)), 2);
         assert_eq!(positions(&[]), 1);
+    }
+
+    #[test]
+    fn each_visit_has_the_estimate_of_its_position() {
+        let options = roadplane_calibrate::FuseOptions::for_image(roadplane_base::ImageSize {
+            width: 1280,
+            height: 720,
+        });
+        let visit = |position: usize, span_s: [f64; 2]| Visit { position, span_s };
+        let visits = [visit(0, [0.0, 4.0]), visit(1, [4.0, 8.0]), visit(0, [8.0, 12.0])];
+        let spans = |span_s: [f64; 2], segment: usize| -> Vec<[f64; 2]> {
+            by_visits(vec![options.unobservable(span_s)], &[segment], &visits)
+                .iter()
+                .map(|estimate| estimate.span_s)
+                .collect()
+        };
+        assert_eq!(spans([1.0, 11.0], 0), [[1.0, 4.0], [8.0, 11.0]]);
+        assert_eq!(spans([9.0, 11.0], 0), [[0.0, 4.0], [9.0, 11.0]], "no cars in the first visit");
+        assert_eq!(spans([5.0, 7.0], 1), [[5.0, 7.0]], "position 0 has no estimate");
+        assert_eq!(by_visits(vec![options.unobservable([0.0; 2])], &[0], &[]).len(), 1);
     }
 }

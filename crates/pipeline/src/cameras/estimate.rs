@@ -206,6 +206,7 @@ impl CameraInputs<'_> {
         for view in &cues {
             view.add_factors(&mut options.factors);
         }
+        options.is_folded = fold.is_some();
         let joined = join(&windows, &options);
         let Joined { estimates, segments, size_of_cars } = match fold {
             Some(fold) => with_second_plane(fold, joined)?,

@@ -115,7 +115,6 @@ impl<'a> Solving<'a> {
             joint,
             cars,
             segment: window.segment,
-            on_second_plane: window.on_second_plane,
         });
         let parked = used.iter().filter(|view| view.parked);
         self.parked.extend(parked.map(|view| (CarIdentity::Clip(view.link), parked_car(view))));
