@@ -17,11 +17,6 @@ use crate::{
 
 /// Scale of a displacement, m. Far away, positions of stationary objects jitter by about as much.
 const MOVED_M: f64 = 3.0;
-/// Median distance (rms) of a car's keypoints from their projections, as a share of the box's longer side: rendered
-/// clips.
-const USUAL_RMS_SHARE: f64 = 0.018;
-/// Largest such distance of a valid fit (`solve.max_rms_share`). Worse fits are all alike.
-const MOST_RMS_SHARE: f64 = 0.07;
 /// Largest distance below the height of a car that counts, m.
 const MOST_LOW_M: f64 = 0.75;
 
@@ -57,10 +52,7 @@ impl Evidence {
         let measured = if measured.is_empty() { sightings.iter().collect() } else { measured };
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
         let odds: Vec<f64> = measured.iter().map(|o| log_odds(o.score)).collect();
-        let log_rms: Vec<f64> = measured
-            .iter()
-            .filter_map(|o| Some((o.fit_rms_share?.clamp(1e-3, MOST_RMS_SHARE) / USUAL_RMS_SHARE).ln()))
-            .collect();
+        let log_rms: Vec<f64> = measured.iter().filter_map(|o| Some(o.misfit()?.ln())).collect();
         Some(Self {
             class,
             score: mean(&odds),

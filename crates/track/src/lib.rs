@@ -27,9 +27,10 @@
 //!
 //! # Noise
 //! The covariance R of a measurement assumes independent errors of the keypoints. The true covariance is c² R, with c =
-//! [`roadplane_measure::POSE_SD_RATIO`]. It is split into two parts, `r R + max(c² − r, 1) R` (`noise.rs`). The first
+//! [`roadplane_measure::POSE_SD_RATIO`]. It is split into two parts, `r R + max(c² − r, 1) g R` (`noise.rs`). The first
 //! part is white and averages out over frames. The second part is a bias, which never averages out for a parked car.
-//! Here r is the scatter that the track shows relative to R.
+//! Here r is the scatter that the track shows relative to R. The factor g is 1 or more; it grows where the keypoints of a
+//! frame do not fit a car.
 
 mod box_motion;
 mod by_boxes;

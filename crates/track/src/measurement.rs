@@ -6,6 +6,12 @@ use roadplane_measure::{GroundContact, either};
 
 use crate::{Evidence, Join};
 
+/// Median distance (rms) of a car's keypoints from their projections, as a share of the box's longer side: rendered
+/// clips.
+const USUAL_RMS_SHARE: f64 = 0.018;
+/// Largest such distance of a valid fit (`solve.max_rms_share`). Worse fits are all alike.
+const MOST_RMS_SHARE: f64 = 0.07;
+
 /// An estimate of a car's shape: a Gaussian over its shape coefficients.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ShapeBelief {
@@ -218,6 +224,12 @@ impl Sighting {
     /// Returns the edges (left, top, right, bottom) beyond which the vehicle continues.
     pub(crate) fn goes_on(&self) -> [bool; 4] {
         either(self.cut, self.hidden)
+    }
+
+    /// Returns the distance (rms) of a car's keypoints from their projections, relative to the usual one; `None` without
+    /// keypoints.
+    pub(crate) fn misfit(&self) -> Option<f64> {
+        Some(self.fit_rms_share?.clamp(1e-3, MOST_RMS_SHARE) / USUAL_RMS_SHARE)
     }
 
     /// Creates a detection from a box and the pose at which the box places the vehicle. `time_s` counts from the first

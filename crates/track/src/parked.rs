@@ -57,13 +57,9 @@ pub(crate) fn stand(all: &[Sighting]) -> Option<Stand> {
     if 2 * sightings.iter().filter(|o| o.from_box).count() > sightings.len() {
         // A box shows the heading only once, however often it is detected. The drive that led to it may show it better.
         let place = given_heading(&typical);
-        return Some(Stand {
-            pose,
-            white: typical - place * (1.0 - white).max(0.0),
-            bias: place * noise.bias(true),
-        });
+        return Some(Stand { pose, white: typical - place * (1.0 - white).max(0.0), bias: place });
     }
-    Some(Stand { pose, white: typical * white, bias: typical * noise.bias(false) })
+    Some(Stand { pose, white: typical * white, bias: typical * noise.bias(sightings) })
 }
 
 /// Returns the pose to start from: medians of the position, and the axis on which most detections agree (mean of

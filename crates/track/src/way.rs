@@ -60,7 +60,7 @@ impl Place {
             Some(stand) => stand.bias,
             None => {
                 let nearest = &sightings[self.nearest];
-                given_heading(&nearest.covariance) * noise.bias(nearest.from_box)
+                given_heading(&nearest.covariance) * noise.bias(std::slice::from_ref(nearest))
             }
         }
     }

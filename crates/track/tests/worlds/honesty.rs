@@ -64,6 +64,21 @@ fn sd_of_driving_cars_is_true() {
 }
 
 #[test]
+fn keypoints_that_fit_badly_widen_the_sd() {
+    let world = World::new(lot(), Seeing { bias: 0.7, ..clean() }, times(3.0, 15.0), 5);
+    let sd = |misfit: f64| {
+        let mut frames = world.see().frames;
+        for car in frames.iter_mut().flat_map(|frame| &mut frame.cars) {
+            car.fit_rms_share = car.fit_rms_share.map(|share| misfit * share);
+        }
+        track(&frames)[0].states[0].pose_sd.norm()
+    };
+    // A better fit than usual is luck. Twice the usual distances mean that the keypoints may be on another car.
+    assert!((sd(0.5) - sd(1.0)).abs() < 1e-9, "{} {}", sd(0.5), sd(1.0));
+    assert!(sd(2.0) > 2.0 * sd(1.0) && sd(2.0) < 5.0 * sd(1.0), "{} {}", sd(2.0), sd(1.0));
+}
+
+#[test]
 fn more_frames_do_not_shrink_what_is_bias() {
     let sd = |seconds: f64| {
         let world = World::new(lot(), Seeing { bias: 0.5, ..clean() }, times(seconds, 15.0), 3);
