@@ -108,19 +108,16 @@ impl Pass<'_> {
                     seen_again.push(SeenAgain { look, bbox_px: record.bbox_px });
                     continue;
                 }
-                let seen = || self.box_sighting(&frame, record.bbox_px, record.score, Some(index));
-                if record.is_carried_over() {
+                let seen = self.box_sighting(&frame, record.bbox_px, record.score, Some(index));
+                boxes.extend(known.map(|_| seen));
+                // A carried-over box with keypoints is a new measurement.
+                if record.is_carried_over() && record.keypoints.is_none() {
                     held.push(held_car(record, index));
                     if let Some(pose) = looks.line(&frame, index).filter(|_| own) {
                         sink(&pose)?;
                     }
-                    if record.keypoints.is_none() {
-                        boxes.extend(known.map(|_| seen()));
-                        continue;
-                    }
+                    continue;
                 }
-                let seen = seen();
-                boxes.extend(known.map(|_| seen));
                 let BoxSighting { cut, hidden, .. } = seen;
                 let class = format!("{:?}", record.class).to_lowercase();
                 *tally.boxes.entry(class).or_insert(0) += u64::from(own);
@@ -150,6 +147,7 @@ impl Pass<'_> {
                         cars.push(CarMeasurement { cut, hidden, known, fit_rms_share, ..measured });
                     }
                     None => {
+                        held.extend(record.is_carried_over().then(|| held_car(record, index)));
                         *tally.rejected.entry(reason.unwrap_or("no_pose").to_owned()).or_insert(0) +=
                             u64::from(own)
                     }
