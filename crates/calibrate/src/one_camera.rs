@@ -139,9 +139,8 @@ impl<I> OneCamera<I> {
         }
         let (since_frame, since_s) = (frame.frame, frame.time_s);
         if let Some(watch) = &mut frame.watch {
-            let is_old = !self.places.is_measured();
             watch.left_out = lost.filter(|_| !is_blind);
-            if !is_old {
+            if self.places.is_measured() {
                 watch.place = Some(place);
                 let cut =
                     CameraMove { kind: MoveKind::Cut, since_frame, since_s, shift_px: None, log_scale: None };

@@ -77,9 +77,9 @@ pub(super) fn smooth(nodes: &[Node], options: &FuseOptions) -> Vec<Gaussian> {
         predicted.push(before);
     }
     let mut smoothed = filtered.clone();
+    let kept = Square::from_diagonal(&shared);
     for i in (0..nodes.len().saturating_sub(1)).rev() {
         let Some(factor) = predicted[i + 1].1.cholesky() else { continue };
-        let kept = Square::from_diagonal(&shared);
         let gain = factor.solve(&(kept * filtered[i].1)).transpose();
         let Gaussian(mean, covariance) = smoothed[i + 1];
         smoothed[i].0 += gain * (mean - predicted[i + 1].0);
