@@ -85,17 +85,20 @@ pub fn ground_contact(
     if (cut[0] && cut[2]) || (cut[3] && (cut[1] || !is_tracked)) {
         return None;
     }
-    let bodies: Vec<(Body, f64, f64)> = match knowledge {
-        Knowledge::Label(label) => (prior(*label).iter())
-            .flat_map(|&(class, share)| {
-                let heading = |i: usize| PI * i as f64 / HEADINGS as f64;
-                (0..HEADINGS).map(move |i| (body_of(class), heading(i), share))
-            })
-            .collect(),
+    // Bodies with their headings and prior weights, and the step between two headings, rad.
+    let (bodies, step): (Vec<(Body, f64, f64)>, f64) = match knowledge {
+        Knowledge::Label(label) => {
+            let step = PI / HEADINGS as f64;
+            let all = prior(*label).iter().flat_map(|&(class, share)| {
+                (0..HEADINGS).map(move |i| (body_of(class), step * i as f64, share))
+            });
+            (all.collect(), step)
+        }
         Knowledge::Track { body, heading_rad, heading_sd_rad } => {
-            let share = |steps: f64| (-0.5 * steps * steps).exp();
+            let share = |sds: f64| (-0.5 * sds * sds).exp();
             let sd_rad = heading_sd_rad.max(HEADING_SD_RAD);
-            [-1.5, 0.0, 1.5].map(|s| (*body, heading_rad + s * sd_rad, share(s))).to_vec()
+            let all = [-1.5, 0.0, 1.5].map(|sds| (*body, heading_rad + sds * sd_rad, share(sds)));
+            (all.to_vec(), 1.5 * sd_rad)
         }
     };
     // Beyond the border of the picture, and behind another vehicle, the body continues by an unknown length.
@@ -104,7 +107,7 @@ pub fn ground_contact(
         .into_iter()
         .filter_map(|(body, heading, share)| Seen { bbox_px, goes_on, view, body, heading }.fit(share))
         .collect();
-    mixture(&fits)
+    mixture(&fits, step)
 }
 
 /// Position and size of a vehicle: x, y, length, width, height, m.
@@ -221,8 +224,8 @@ impl Seen<'_> {
     }
 }
 
-/// Returns the moments of the mixture of fits; `None` without a finite weight.
-fn mixture(fits: &[Fit]) -> Option<GroundContact> {
+/// Returns the moments of the mixture of fits, whose headings are a `step` apart, rad; `None` without a finite weight.
+fn mixture(fits: &[Fit], step: f64) -> Option<GroundContact> {
     let most = fits.iter().map(|fit| fit.log_weight).fold(f64::NEG_INFINITY, f64::max);
     let weights: Vec<f64> = fits.iter().map(|fit| (fit.log_weight - most).exp()).collect();
     let total: f64 = weights.iter().sum();
@@ -247,7 +250,6 @@ fn mixture(fits: &[Fit]) -> Option<GroundContact> {
     }
     // Variance of the axis from the mean of doubled angles (Mardia & Jupp 2000, wrapped normal), plus that of one step
     // of headings.
-    let step = PI / HEADINGS as f64;
     let axis_variance = -2.0 * axis.norm().clamp(1e-3, 1.0).ln() / 4.0 + step * step / 12.0;
     let mut covariance = Matrix3::zeros();
     let position: Matrix2<f64> = spread.fixed_view::<2, 2>(0, 0).into_owned();

@@ -4,8 +4,6 @@
 const TOUCH_PX: f64 = 2.0;
 /// Largest distance of touching boxes, part that grows with the box, as a share of its shorter side.
 const TOUCH_SHARE: f64 = 0.05;
-/// Least hidden share of an edge for which the edge counts as hidden.
-const HIDDEN_SHARE: f64 = 0.5;
 
 /// Returns the edges that are in one set, in the other, or in both.
 #[must_use]
@@ -15,15 +13,15 @@ pub fn either(a: [bool; 4], b: [bool; 4]) -> [bool; 4] {
 
 /// Returns whether the left, top, right and bottom edge lies where a nearer object begins.
 ///
-/// On the ground, an object that reaches lower in the picture is nearer.
+/// On the ground, an object that reaches lower in the picture is nearer. It hides an edge if it covers most of it.
 #[must_use]
 pub fn hidden_edges<'a>(bbox_px: &[f64; 4], others: impl Iterator<Item = &'a [f64; 4]>) -> [bool; 4] {
     let [x0, y0, x1, y1] = *bbox_px;
     let touch = TOUCH_PX + TOUCH_SHARE * (x1 - x0).min(y1 - y0);
     let mut hidden = [false; 4];
     for [a0, b0, a1, b1] in others.copied().filter(|other| other[3] > y1 + touch) {
-        let wide = a1.min(x1) - a0.max(x0) > HIDDEN_SHARE * (x1 - x0);
-        let high = b1.min(y1) - b0.max(y0) > HIDDEN_SHARE * (y1 - y0);
+        let wide = 2.0 * (a1.min(x1) - a0.max(x0)) > x1 - x0;
+        let high = 2.0 * (b1.min(y1) - b0.max(y0)) > y1 - y0;
         hidden[0] |= high && a0 < x0 - touch && a1 > x0 - touch && a1 < x1;
         hidden[2] |= high && a1 > x1 + touch && a0 < x1 + touch && a0 > x0;
         hidden[3] |= wide && b0 < y1 + touch && b0 > y0;

@@ -9,8 +9,6 @@ use crate::{
     raw_track::{FEWEST, Link, RawTrack, in_one_place, same_car},
 };
 
-/// Share of the weaker track's detections during the stronger track's life that must coincide, 0–1.
-const MIN_SHARED: f64 = 0.5;
 /// Longest time between two detections that are compared, s. The vehicle may move in a longer time.
 const NEAR_S: f64 = MOTION_S / 2.0;
 
@@ -72,11 +70,11 @@ fn by_strength(mut tracks: Vec<RawTrack>) -> Vec<RawTrack> {
     tracks
 }
 
-/// Whether two tracks coincide. `same` compares a detection of the stronger track with one of the weaker.
+/// Whether two tracks coincide: most of the weaker track's detections during the stronger track's life. `same` compares a detection of the stronger track with one of the weaker.
 fn coincide(strong: &RawTrack, weak: &RawTrack, same: impl Fn(&Sighting, &Sighting) -> bool) -> bool {
     let together: Vec<&Sighting> = weak.observations.iter().filter(|o| lives(strong, o.time_s)).collect();
     let shared = together.iter().filter(|o| at(strong, o).is_some_and(|near| same(near, o))).count();
-    shared >= FEWEST.min(weak.observations.len()) && shared as f64 > MIN_SHARED * together.len() as f64
+    shared >= FEWEST.min(weak.observations.len()) && 2 * shared > together.len()
 }
 
 /// Whether a time (s) lies between a track's first and last detection, or near them.

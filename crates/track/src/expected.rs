@@ -29,7 +29,7 @@ pub(crate) struct Expected {
     /// Position, velocity and axis on the ground.
     pub filter: Filter,
     /// Motion of the box in the picture.
-    motion: BoxMotion,
+    pub motion: BoxMotion,
     /// Box of the whole vehicle while it is stationary, px, even where a part is hidden.
     rest_px: [f64; 4],
 }
@@ -59,20 +59,10 @@ impl Expected {
         self.motion.stand(bbox_px, time_s);
     }
 
-    /// Returns the box of the last detection, px.
-    pub(crate) fn last_px(&self) -> &[f64; 4] {
-        self.motion.last_px()
-    }
-
-    /// Returns the time since the last detection, s.
-    pub(crate) fn unseen_s(&self, time_s: f64) -> f64 {
-        self.motion.unseen_s(time_s)
-    }
-
     /// Whether the vehicle was undetected for so long that another may be there.
     pub(crate) fn is_lost(&self, time_s: f64) -> bool {
         let coast_s = if self.filter.is_still() { HIDDEN_S } else { COAST_S };
-        self.unseen_s(time_s) > coast_s
+        self.motion.unseen_s(time_s) > coast_s
     }
 
     /// Returns the expected box, px; `None` if the last detection is too long ago.
@@ -80,7 +70,7 @@ impl Expected {
         if self.filter.is_still() {
             return Some(self.rest_px);
         }
-        (self.unseen_s(time_s) <= COAST_S).then(|| self.motion.at(time_s))
+        (self.motion.unseen_s(time_s) <= COAST_S).then(|| self.motion.at(time_s))
     }
 
     /// Returns the cost of a detection: 0 for a perfect match, [`ALONE`] and above for none.
@@ -93,12 +83,13 @@ impl Expected {
         let (is_still, plain) = (self.filter.is_still(), bbox_iou(&expected, &sighting.bbox_px));
         let overlap = if is_still {
             // Less of a vehicle is visible while something hides it.
-            self.overlap(&sighting.bbox_px, sighting.goes_on(), sighting.time_s)
+            let seen_px = &sighting.bbox_px;
+            bbox_iou(&bbox_part_seen(&expected, seen_px, sighting.goes_on()), seen_px)
         } else {
             // A driving vehicle must not take the half-hidden box of another that it passes.
             plain
         };
-        let away = (sighting.pose.xy() - self.filter.position()).norm();
+        let away = (sighting.pose.xy() - self.filter.state.xy()).norm();
         let spread = sighting.covariance.fixed_view::<2, 2>(0, 0).trace().sqrt();
         // A sliver within a stationary vehicle's box may be of any vehicle that passes.
         let is_another = plain < MIN_OVERLAP && away > spread;
@@ -108,13 +99,6 @@ impl Expected {
         // A detection with a vague position is near to everything.
         let is_near = distance < GATE && (spread < HALF_LANE_M || overlap > TOUCHING);
         if is_near || overlap > SURE_OVERLAP { 0.5 * near + 0.5 * (1.0 - overlap) } else { f64::INFINITY }
-    }
-
-    /// Returns the overlap (IoU) of a box with the visible part of the expected box. `goes_on`: edges beyond which the
-    /// vehicle continues.
-    fn overlap(&self, bbox_px: &[f64; 4], goes_on: [bool; 4], time_s: f64) -> f64 {
-        let expected = self.box_px(time_s);
-        expected.map_or(0.0, |expected| bbox_iou(&bbox_part_seen(&expected, bbox_px, goes_on), bbox_px))
     }
 }
 

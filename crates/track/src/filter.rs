@@ -29,14 +29,14 @@ pub(crate) const MOTION_S: f64 = 1.0;
 pub(crate) const GATE: f64 = 20.0;
 
 /// The filter of one car, after its last detection.
-#[derive(Clone, Debug)]
+#[derive(Clone, Copy, Debug)]
 pub(crate) struct Filter {
     /// Position and velocity (x, y, vx, vy) on the ground, m and m/s.
-    state: Vector4<f64>,
+    pub state: Vector4<f64>,
     /// Covariance of `state`, m and m/s.
     covariance: Matrix4<f64>,
     /// Heading modulo π, rad.
-    axis: f64,
+    pub axis: f64,
     /// Variance of the axis, rad².
     axis_variance: f64,
     /// Time of the last update, s.
@@ -45,17 +45,6 @@ pub(crate) struct Filter {
     anchor: Vector2<f64>,
     /// Time since which the car has been near `anchor`, s.
     anchor_s: f64,
-}
-
-/// The state that is expected at a later time.
-#[derive(Clone, Debug)]
-struct Prediction {
-    /// Expected position and velocity (x, y, vx, vy), m and m/s.
-    state: Vector4<f64>,
-    /// Covariance of `state`, m and m/s.
-    covariance: Matrix4<f64>,
-    /// Variance of the expected axis, rad².
-    axis_variance: f64,
 }
 
 impl Filter {
@@ -76,16 +65,6 @@ impl Filter {
         }
     }
 
-    /// Returns the estimated position (x, y), m.
-    pub(crate) fn position(&self) -> Vector2<f64> {
-        self.state.xy()
-    }
-
-    /// Returns the estimated heading modulo π, rad.
-    pub(crate) fn axis(&self) -> f64 {
-        self.axis
-    }
-
     /// Whether the car is stationary.
     pub(crate) fn is_still(&self) -> bool {
         self.time_s - self.anchor_s >= MOTION_S
@@ -94,13 +73,10 @@ impl Filter {
     /// Returns the squared Mahalanobis distance of a measurement. The car may have stopped or driven on;
     /// the smaller of both distances counts. Without the first case, a car that waited undetected would seem lost.
     pub(crate) fn distance(&self, pose: &Vector3<f64>, covariance: &Matrix3<f64>, time_s: f64) -> f64 {
-        let to = |prediction: &Prediction| {
-            let away = pose.xy() - prediction.state.xy();
-            let spread = prediction.covariance.fixed_view::<2, 2>(0, 0) + position_part(covariance);
-            let position = spread.try_inverse().map_or(f64::INFINITY, |s| away.dot(&(s * away)));
+        let to = |expected: &Self| {
             let turned = fold_axis(pose.z - self.axis);
-            let heading = turned * turned / (prediction.axis_variance + covariance[(2, 2)] + 0.01);
-            position + heading
+            let heading = turned * turned / (expected.axis_variance + covariance[(2, 2)] + 0.01);
+            expected.position_distance(pose, &position_part(covariance)) + heading
         };
         let driving = || to(&self.driving(time_s));
         match (self.is_still(), time_s - self.time_s > COAST_S) {
@@ -116,37 +92,32 @@ impl Filter {
         let distance = self.distance(pose, covariance, time_s);
         let widened = (distance / GATE).clamp(1.0, 1e6);
         let noise = position_part(covariance) * widened;
-        let still = self.is_still() && {
-            let standing = self.standing(time_s);
-            let away = pose.xy() - standing.state.xy();
-            let spread = standing.covariance.fixed_view::<2, 2>(0, 0) + noise;
-            time_s - self.time_s > COAST_S
-                || spread.try_inverse().is_some_and(|s| away.dot(&(s * away)) < GATE)
-        };
-        let Prediction { state, covariance: p, axis_variance } =
-            if still { self.standing(time_s) } else { self.driving(time_s) };
-        let h = Matrix2x4::<f64>::identity();
-        let spread: Matrix2<f64> = h * p * h.transpose() + noise;
-        if let Some(inverse) = spread.try_inverse() {
+        let standing = self.standing(time_s);
+        let still = self.is_still()
+            && (time_s - self.time_s > COAST_S || standing.position_distance(pose, &noise) < GATE);
+        let expected = if still { standing } else { self.driving(time_s) };
+        let (h, p) = (Matrix2x4::<f64>::identity(), expected.covariance);
+        if let Some(inverse) = (h * p * h.transpose() + noise).try_inverse() {
             let gain = p * h.transpose() * inverse;
-            self.state = state + gain * (pose.xy() - state.xy());
+            self.state = expected.state + gain * (pose.xy() - expected.state.xy());
             let rest = Matrix4::identity() - gain * h;
             self.covariance = rest * p * rest.transpose() + gain * noise * gain.transpose();
         }
+        let axis_variance = expected.axis_variance;
         let share = axis_variance / (axis_variance + covariance[(2, 2)] * widened + 0.01);
         self.axis += share * fold_axis(pose.z - self.axis);
         self.axis_variance = (1.0 - share) * axis_variance;
         self.time_s = time_s;
         let sd = self.covariance.fixed_view::<2, 2>(0, 0).trace().max(0.0).sqrt();
-        if (self.position() - self.anchor).norm() > STILL_M + 2.0 * sd {
-            self.anchor = self.position();
+        if (self.state.xy() - self.anchor).norm() > STILL_M + 2.0 * sd {
+            self.anchor = self.state.xy();
             self.anchor_s = time_s;
         }
     }
 
     /// Updates the state with a car that is carried over: its position is unchanged and not measured again.
     pub(crate) fn hold(&mut self, time_s: f64) {
-        let Prediction { covariance, .. } = self.standing(time_s);
+        let covariance = self.standing(time_s).covariance;
         self.covariance = Matrix4::zeros();
         self.covariance.fixed_view_mut::<2, 2>(0, 0).copy_from(&covariance.fixed_view::<2, 2>(0, 0));
         self.covariance.fixed_view_mut::<2, 2>(2, 2).fill_diagonal(STANDING_MPS * STANDING_MPS);
@@ -154,32 +125,40 @@ impl Filter {
         self.time_s = time_s;
     }
 
+    /// Returns the squared Mahalanobis distance of a measured position with this covariance.
+    fn position_distance(&self, pose: &Vector3<f64>, covariance: &Matrix2<f64>) -> f64 {
+        let away = pose.xy() - self.state.xy();
+        let spread = self.covariance.fixed_view::<2, 2>(0, 0) + covariance;
+        spread.try_inverse().map_or(f64::INFINITY, |s| away.dot(&(s * away)))
+    }
+
     /// Predicts the state of a car that drives on.
-    fn driving(&self, time_s: f64) -> Prediction {
+    fn driving(&self, time_s: f64) -> Self {
         let dt = (time_s - self.time_s).max(0.0);
-        let eye = Matrix2::identity();
-        let mut f = Matrix4::identity();
-        f.fixed_view_mut::<2, 2>(0, 2).copy_from(&(eye * dt));
-        let mut q = Matrix4::zeros();
-        q.fixed_view_mut::<2, 2>(0, 0).copy_from(&(eye * (ACCELERATION_POWER * dt.powi(3) / 3.0)));
-        q.fixed_view_mut::<2, 2>(0, 2).copy_from(&(eye * (ACCELERATION_POWER * dt * dt / 2.0)));
-        q.fixed_view_mut::<2, 2>(2, 0).copy_from(&(eye * (ACCELERATION_POWER * dt * dt / 2.0)));
-        q.fixed_view_mut::<2, 2>(2, 2).copy_from(&(eye * (ACCELERATION_POWER * dt)));
-        Prediction {
-            state: f * self.state,
-            covariance: f * self.covariance * f.transpose() + q,
-            axis_variance: self.axis_variance + TURN_POWER * dt,
-        }
+        let (state, covariance) = driven(&self.state, &self.covariance, dt);
+        Self { state, covariance, axis_variance: self.axis_variance + TURN_POWER * dt, ..*self }
     }
 
     /// Predicts the state of a car that is stationary.
-    fn standing(&self, time_s: f64) -> Prediction {
+    fn standing(&self, time_s: f64) -> Self {
         let dt = (time_s - self.time_s).max(0.0);
         let mut covariance = self.covariance;
         covariance[(0, 0)] += STILL_POWER * dt;
         covariance[(1, 1)] += STILL_POWER * dt;
-        Prediction { state: self.state, covariance, axis_variance: self.axis_variance }
+        Self { covariance, ..*self }
     }
+}
+
+/// Returns position and velocity (m, m/s) after `dt` seconds with white acceleration, and their covariance.
+pub(crate) fn driven(
+    state: &Vector4<f64>,
+    covariance: &Matrix4<f64>,
+    dt: f64,
+) -> (Vector4<f64>, Matrix4<f64>) {
+    let each_axis = |of_one: Matrix2<f64>| of_one.kronecker(&Matrix2::identity());
+    let f = each_axis(Matrix2::new(1.0, dt, 0.0, 1.0));
+    let q = each_axis(Matrix2::new(dt.powi(3) / 3.0, dt * dt / 2.0, dt * dt / 2.0, dt));
+    (f * state, f * covariance * f.transpose() + q * ACCELERATION_POWER)
 }
 
 /// Returns the covariance of (x, y) from that of (x, y, heading), m².

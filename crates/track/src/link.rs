@@ -30,7 +30,7 @@ use roadplane_base::{assign, fold_axis, upper_median};
 
 use crate::{
     expected::{HALF_LANE_M, HIDDEN_S},
-    filter::{ACCELERATION_POWER, MOTION_S, SPEED_SD, STANDING_MPS, STILL_M},
+    filter::{MOTION_S, SPEED_SD, STANDING_MPS, STILL_M, driven},
     join::{features, probability},
     measurement::Sighting,
     noise::COMMON_SHARE,
@@ -299,13 +299,8 @@ fn motion(part: &[&Sighting], time_s: f64) -> (Vector4<f64>, Matrix4<f64>) {
         shared += covariance * (COMMON_SHARE / part.len() as f64);
         let Some(precision) = (covariance * (1.0 - COMMON_SHARE)).try_inverse() else { continue };
         let dt = o.time_s - time_s;
-        information.fixed_view_mut::<2, 2>(0, 0).add_assign(&precision);
-        information.fixed_view_mut::<2, 2>(0, 2).add_assign(&(precision * dt));
-        information.fixed_view_mut::<2, 2>(2, 0).add_assign(&(precision * dt));
-        information.fixed_view_mut::<2, 2>(2, 2).add_assign(&(precision * dt * dt));
-        let at = precision * o.pose.xy();
-        weighted.fixed_rows_mut::<2>(0).add_assign(&at);
-        weighted.fixed_rows_mut::<2>(2).add_assign(&(at * dt));
+        information += Matrix2::new(1.0, dt, dt, dt * dt).kronecker(&precision);
+        weighted += Vector2::new(1.0, dt).kronecker(&(precision * o.pose.xy()));
     }
     let inverse = information.try_inverse().unwrap_or_else(Matrix4::identity);
     let mut covariance = (inverse + inverse.transpose()) / 2.0;
@@ -342,16 +337,9 @@ fn mixed(standing: f64, driving: f64) -> f64 {
 
 /// Returns the density of position and velocity after a gap (s) in which the vehicle drove on.
 fn drive_density(end: &End, start: &End, gap_s: f64) -> f64 {
-    let mut forward = Matrix4::identity();
-    forward.fixed_view_mut::<2, 2>(0, 2).fill_diagonal(gap_s);
-    let q = ACCELERATION_POWER;
-    let mut noise = Matrix4::zeros();
-    noise.fixed_view_mut::<2, 2>(0, 0).fill_diagonal(q * gap_s.powi(3) / 3.0 + 0.01);
-    noise.fixed_view_mut::<2, 2>(0, 2).fill_diagonal(q * gap_s * gap_s / 2.0);
-    noise.fixed_view_mut::<2, 2>(2, 0).fill_diagonal(q * gap_s * gap_s / 2.0);
-    noise.fixed_view_mut::<2, 2>(2, 2).fill_diagonal(q * gap_s + 0.01);
-    let spread = forward * end.covariance * forward.transpose() + noise + start.covariance;
-    let away = start.state - forward * end.state;
+    let (state, covariance) = driven(&end.state, &end.covariance, gap_s);
+    let spread = covariance + start.covariance + Matrix4::identity() * 0.01;
+    let away = start.state - state;
     let Some(factor) = spread.cholesky() else { return 0.0 };
     let root: f64 = factor.l().diagonal().iter().product();
     (-0.5 * away.dot(&factor.solve(&away))).exp() / ((2.0 * PI).powi(2) * root.max(1e-300))

@@ -24,12 +24,8 @@ pub(crate) struct Run {
 
 /// Divides a track's detections, in the order of time. A track without noticeable motion is one stationary interval.
 pub(crate) fn find_runs(sightings: &[Sighting]) -> Vec<Run> {
-    let n = sightings.len();
-    if n == 0 {
-        return Vec::new();
-    }
     let moves_at = |i| moves(window(sightings, i));
-    let mut moving: Vec<bool> = (0..n).map(moves_at).collect();
+    let mut moving: Vec<bool> = (0..sightings.len()).map(moves_at).collect();
     close_gaps(&mut moving, sightings);
     // A stationary interval that creeps as a whole is slow driving.
     for run in runs(&moving).into_iter().filter(|run| run.parked) {
@@ -56,14 +52,6 @@ fn window(sightings: &[Sighting], middle: usize) -> &[Sighting] {
         }
     }
     &sightings[from..to]
-}
-
-/// Returns the time from the first of these detections to the last, s.
-fn seconds(part: &[Sighting]) -> f64 {
-    match (part.first(), part.last()) {
-        (Some(first), Some(last)) => last.time_s - first.time_s,
-        _ => 0.0,
-    }
 }
 
 /// Whether the detections move by more than [`STILL_M`] on the ground, and by more than noise there and in the image. Their
@@ -135,7 +123,8 @@ pub(crate) fn runs(moving: &[bool]) -> Vec<Run> {
 pub(crate) fn close_gaps(moving: &mut [bool], sightings: &[Sighting]) {
     let found = runs(moving);
     for run in found.iter().filter(|_| found.len() > 1) {
-        if run.parked && seconds(&sightings[run.sightings.clone()]) < MOTION_S {
+        let (first, last) = (&sightings[run.sightings.start], &sightings[run.sightings.end - 1]);
+        if run.parked && last.time_s - first.time_s < MOTION_S {
             moving[run.sightings.clone()].fill(true);
         }
     }

@@ -41,7 +41,7 @@ impl Live {
     /// Starts a track with its first measurement. `looks` is the number of inference frames so far.
     fn new(car: &CarMeasurement, observation: Sighting, look: CarRef, looks: usize) -> Self {
         let expected = Expected::new(&observation);
-        let (position, axis) = (expected.filter.position(), expected.filter.axis());
+        let (position, axis) = (expected.filter.state.xy(), expected.filter.axis);
         let mut shape = ShapeSum::new(position, axis);
         if !car.from_box {
             shape.add(car, position, axis);
@@ -75,7 +75,7 @@ impl Live {
         self.look = look;
         self.expected.add(&observation);
         if !car.from_box {
-            self.raw.shape.add(car, self.expected.filter.position(), self.expected.filter.axis());
+            self.raw.shape.add(car, self.expected.filter.state.xy(), self.expected.filter.axis);
         }
         self.raw.add(car, observation);
         self.known |= car.known;
@@ -142,12 +142,12 @@ impl Tracker {
         for car in &frame.held {
             // A measurement that failed belongs to no track. The car is still the one that is stationary there.
             let by_look = car.look.and_then(|look| self.live.iter().position(|live| live.look == look));
+            let overlap = |l: &usize| bbox_iou(self.live[*l].expected.motion.last_px(), &car.bbox_px);
             let by_place = || {
-                self.live
-                    .iter()
-                    .position(|live| bbox_iou(live.expected.last_px(), &car.bbox_px) > SURE_OVERLAP)
+                let free = (0..self.live.len()).filter(|l| !held[*l] && overlap(l) > SURE_OVERLAP);
+                free.max_by(|a, b| overlap(a).total_cmp(&overlap(b)))
             };
-            if let Some(l) = by_look.or_else(by_place).filter(|l| !held[*l]) {
+            if let Some(l) = by_look.filter(|l| !held[*l]).or_else(by_place) {
                 self.live[l].hold(car, index, time_s);
                 held[l] = true;
             }

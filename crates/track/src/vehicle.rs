@@ -38,8 +38,6 @@ const SPEED_CHANGE: f64 = 1.0;
 const CURVATURE_SD: f64 = 0.1;
 /// Distance from the rear axle to a car's origin, m.
 pub(crate) const HALF_WHEELBASE_M: f64 = 1.35;
-/// Sd of a stationary car's speed, m/s.
-const PARKED_SPEED_SD: f64 = 1e-3;
 /// Weight of the curvature's prior at one node, without unit. Neighbouring nodes share one prior.
 const BEND_WEIGHT: f64 = 0.05;
 /// Largest number of Levenberg–Marquardt rounds.
@@ -181,7 +179,7 @@ impl Vehicle<'_> {
     /// Returns the precisions of a state's prior, whose mean is 0. No path curves like a corkscrew, no road car drives
     /// 60 m/s, and a stationary car has no speed.
     fn prior(&self, node: &Node) -> State {
-        let speed = if node.parked { PARKED_SPEED_SD } else { 30.0 };
+        let speed = if node.parked { STEP_FLOOR[3] } else { 30.0 };
         let bend = CURVATURE_SD * self.bend();
         State::new(0.0, 0.0, 0.0, speed.powi(-2), BEND_WEIGHT * bend.powi(-2))
     }

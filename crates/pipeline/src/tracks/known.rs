@@ -39,7 +39,8 @@ pub(crate) fn tracked_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<Car
                 let class = body_of(track.class);
                 Body { dims_m, covariance: track.dims_covariance.unwrap_or(class.covariance), ..class }
             }
-            None => car_body(atlas, &track.shape.mean),
+            None if track.class == VehicleClass::Car => car_body(atlas, &track.shape.mean),
+            None => body_of(track.class),
         }
         .at_best();
         let vehicle = Arc::new(KnownVehicle { shape, body, class: track.class });

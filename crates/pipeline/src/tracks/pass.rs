@@ -85,13 +85,14 @@ impl Pass<'_> {
             views.add(&frame);
             let picture_px = frame.picture_px();
             let view = FrameCamera::from(estimate);
-            let prior =
-                |i: usize| match known.and_then(|known| known.get(&CarRef { frame: frame.frame, car: i })) {
-                    Some(KnownCar { vehicle, pose, .. }) => {
-                        (ShapePrior::fixed_at(vehicle.shape.mean, vehicle.shape.information), Some(*pose))
-                    }
-                    None => (self.any_car, None),
-                };
+            let known_car =
+                |car: usize| known.and_then(|known| known.get(&CarRef { frame: frame.frame, car }));
+            let prior = |car: usize| match known_car(car) {
+                Some(KnownCar { vehicle, pose, .. }) => {
+                    (ShapePrior::fixed_at(vehicle.shape.mean, vehicle.shape.information), Some(*pose))
+                }
+                None => (self.any_car, None),
+            };
             let fitted = fit_frame(
                 &frame,
                 &view,
@@ -133,7 +134,7 @@ impl Pass<'_> {
                         (!(car.used && is_valid)).then_some("keypoints_disagree")
                     }
                 };
-                let known = known.and_then(|known| known.get(&CarRef { frame: frame.frame, car: index }));
+                let known = known_car(index);
                 // The net finds a car's keypoints in a truck, too.
                 let is_car = known.is_none_or(|known| known.vehicle.class == VehicleClass::Car);
                 let usable = fit.as_ref().filter(|_| reason.is_none() && is_car);
@@ -143,7 +144,8 @@ impl Pass<'_> {
                 match measured {
                     Some(measured) => {
                         let known = known.is_some();
-                        let fit_rms_share = fit.as_ref().and_then(|fit| rms_share(fit, record));
+                        let rms_share = |fit: &CarFit| fit.car.reprojection_rms_px / record.longer_side_px();
+                        let fit_rms_share = fit.as_ref().map(rms_share).filter(|share| share.is_finite());
                         cars.push(CarMeasurement { cut, hidden, known, fit_rms_share, ..measured });
                     }
                     None => {
@@ -180,8 +182,11 @@ impl Pass<'_> {
             views: &views,
         };
         for tracker in at_position.into_values() {
+            if tracker.rejected() > 0 {
+                *tally.rejected.entry("not_finite".to_owned()).or_insert(0) += tracker.rejected() as u64;
+            }
             let Tracks { tracks: found, left_out } = tracker.finish(&scene);
-            append(&mut tracks, found);
+            tracks.extend(found);
             let own = left_out.iter().filter(|stamp| stretch.holds(stamp.time_s()));
             tally.left_out_tracks += own.count() as u64;
         }
@@ -234,12 +239,6 @@ impl Pass<'_> {
     }
 }
 
-/// Adds tracks of a later camera position; their numbers continue.
-fn append(tracks: &mut Vec<Track>, later: Vec<Track>) {
-    let before = tracks.iter().map(|track| track.id).max().unwrap_or(0);
-    tracks.extend(later.into_iter().map(|track| Track { id: track.id + before, ..track }));
-}
-
 /// Builds the measurement of a car from its keypoints. If the car is known, its shape was fixed.
 fn by_keypoints(
     fit: &CarFit,
@@ -278,13 +277,6 @@ fn measurement(pose: GroundPose, covariance: Matrix3<f64>, record: &CarRecord, c
         dims_m: None,
         fit_rms_share: None,
     }
-}
-
-/// Returns the distance (rms) of a car's keypoints from their projections, as a share of its box's longer side; `None` if it
-/// is not finite.
-fn rms_share(fit: &CarFit, record: &CarRecord) -> Option<f64> {
-    let share = fit.car.reprojection_rms_px / record.longer_side_px();
-    share.is_finite().then_some(share)
 }
 
 /// Builds the measurement of a stationary vehicle that is carried over.

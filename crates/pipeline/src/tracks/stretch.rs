@@ -6,9 +6,8 @@
 
 use std::collections::{BTreeMap, VecDeque};
 
-use nalgebra::Vector3;
-use roadplane_base::{CarRef, FrameRecord, VehicleClass};
-use roadplane_track::{Evidence, ShapeBelief, Track, TrackState};
+use roadplane_base::{CarRef, FrameRecord};
+use roadplane_track::{Track, TrackState};
 
 use crate::stream::cadence::{RESET_S, interval_of};
 
@@ -142,55 +141,44 @@ pub(crate) struct Numbers {
     last: u64,
     /// Detections around the last seam, with the numbers of their vehicles.
     shared: BTreeMap<CarRef, u64>,
-    /// Properties of those vehicles, by number.
-    vehicles: BTreeMap<u64, Vehicle>,
-}
-
-/// Properties of a vehicle, the same in all chunks.
-#[derive(Clone, Copy, Debug)]
-struct Vehicle {
-    /// Class of the vehicle.
-    class: VehicleClass,
-    /// Length, width and height, m; `None` where the shape determines them.
-    dims_m: Option<Vector3<f64>>,
-    /// Mean and information of its shape.
-    shape: ShapeBelief,
-    /// All that shows whether it is a vehicle.
-    evidence: Evidence,
+    /// Tracks of those vehicles, by number. Their class, size, shape and evidence are the same in all chunks.
+    vehicles: BTreeMap<u64, Track>,
 }
 
 impl Numbers {
     /// Assigns numbers to the tracks of the next chunk, which are ordered by their beginnings.
     ///
     /// Vehicles of the previous chunk keep their properties. Tracks without a state inside the chunk are dropped.
-    pub(crate) fn give(&mut self, tracks: Vec<Track>, stretch: TimeChunk) -> Vec<Track> {
+    pub(crate) fn give(&mut self, mut tracks: Vec<Track>, stretch: TimeChunk) -> Vec<Track> {
+        tracks.retain(|track| track.states.iter().any(|state| stretch.holds(state.stamp.time_s())));
         let known = self.known(&tracks);
         let mut numbered = Vec::new();
-        for (mut track, known) in tracks.into_iter().zip(known) {
-            if !track.states.iter().any(|state| stretch.holds(state.stamp.time_s())) {
-                continue;
-            }
-            if let Some((number, Vehicle { class, dims_m, shape, evidence })) = known {
-                track = Track { id: number, class, dims_m, shape, evidence, ..track };
-            } else {
-                self.last += 1;
-                track.id = self.last;
-            }
-            numbered.push(track);
+        for (track, known) in tracks.into_iter().zip(known) {
+            numbered.push(match known {
+                Some(before) => Track {
+                    dims_covariance: track.dims_covariance,
+                    states: track.states,
+                    joins: track.joins,
+                    ..before
+                },
+                None => {
+                    self.last += 1;
+                    Track { id: self.last, ..track }
+                }
+            });
         }
         self.shared.clear();
         self.vehicles.clear();
         for track in &numbered {
             let around = detections_of(track).filter(|(_, state)| stretch.shares(state.stamp.time_s()));
             self.shared.extend(around.map(|(car, _)| (car, track.id)));
-            let &Track { id, class, dims_m, shape, evidence, .. } = track;
-            self.vehicles.insert(id, Vehicle { class, dims_m, shape, evidence });
+            self.vehicles.insert(track.id, Track { states: Vec::new(), joins: Vec::new(), ..*track });
         }
         numbered
     }
 
     /// Returns the vehicle before the seam that each track continues: the pairs with the most common detections.
-    fn known(&self, tracks: &[Track]) -> Vec<Option<(u64, Vehicle)>> {
+    fn known(&self, tracks: &[Track]) -> Vec<Option<Track>> {
         let mut pairs: BTreeMap<(usize, u64), usize> = BTreeMap::new();
         for (i, track) in tracks.iter().enumerate() {
             for number in detections_of(track).filter_map(|(car, _)| self.shared.get(&car)) {
@@ -203,7 +191,7 @@ impl Numbers {
         let mut free = self.vehicles.clone();
         for ((i, number), _) in pairs {
             if known[i].is_none() {
-                known[i] = free.remove_entry(&number);
+                known[i] = free.remove(&number);
             }
         }
         known
@@ -213,7 +201,9 @@ impl Numbers {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use roadplane_base::{CarRecord, FrameStamp, GroundPose, ImageSize};
+    use nalgebra::Vector3;
+    use roadplane_base::{CarRecord, FrameStamp, GroundPose, ImageSize, VehicleClass};
+    use roadplane_track::{Evidence, ShapeBelief};
 
     /// Returns a frame at a second of the clip with this number of cars.
     fn frame(second: u64, cars: usize) -> FrameRecord {
