@@ -312,6 +312,8 @@ mod tests {
         let found = ground_contact(&bbox, &SIZE.picture_px(), [false; 4], &view(), &known).unwrap();
         assert!((found.pose.x_m - pose.x_m).hypot(found.pose.y_m - pose.y_m) < 0.2, "{found:?}");
         assert!(found.covariance[(0, 0)].sqrt() < 1.0);
+        // The box may show the heading better, and the grid of headings adds little.
+        assert!(found.covariance[(2, 2)].sqrt() < 1.1 * HEADING_SD_RAD, "{found:?}");
     }
 
     #[test]

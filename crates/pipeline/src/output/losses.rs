@@ -82,6 +82,7 @@ fn why(reason: &str) -> String {
             "gave no position: their keypoints fit no car, and no contact with the ground is visible"
                 .to_owned()
         }
+        "pose_not_finite" => "rejected, because their positions or boxes were not valid numbers".to_owned(),
         "keypoints_not_finite" => "rejected, because their keypoints were not finite".to_owned(),
         other => format!("rejected: {}", other.replace('_', " ")),
     }

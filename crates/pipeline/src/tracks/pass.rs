@@ -183,7 +183,7 @@ impl Pass<'_> {
         };
         for tracker in at_position.into_values() {
             if tracker.rejected() > 0 {
-                *tally.rejected.entry("not_finite".to_owned()).or_insert(0) += tracker.rejected() as u64;
+                *tally.rejected.entry("pose_not_finite".to_owned()).or_insert(0) += tracker.rejected() as u64;
             }
             let Tracks { tracks: found, left_out } = tracker.finish(&scene);
             tracks.extend(found);
