@@ -114,7 +114,6 @@ pub struct FuseOptions {
     /// Sd of the distortion ([`Lens::distortion`]); `None` where neither the picture nor the user determines it.
     pub bend_sd: Option<f64>,
     /// Other factors on the camera, by camera position ([`WindowEstimate::segment`]). Each factor is counted once.
-    ///
     pub factors: BTreeMap<usize, Vec<Factor>>,
     /// Whether the positions are the two planes of a folded ground below one camera ([`Fold`](crate::Fold)).
     pub is_folded: bool,
