@@ -118,14 +118,14 @@ impl Homography {
     /// Returns the root mean square displacement, px, of a 5 × 5 grid over a box.
     #[must_use]
     pub fn displacement(&self, bbox_px: &[f64; 4]) -> f64 {
-        let sum: f64 = grid(bbox_px).map(|point| (self.apply(&point) - point).norm_squared()).sum();
+        let sum: f64 = bbox_grid(bbox_px).map(|point| (self.apply(&point) - point).norm_squared()).sum();
         (sum / 25.0).sqrt()
     }
 
     /// Returns the similarity transform that fits the mapping of a box best.
     #[must_use]
     pub fn similarity(&self, bbox_px: &[f64; 4]) -> Similarity {
-        let pairs: Vec<_> = grid(bbox_px).map(|point| (point, self.apply(&point))).collect();
+        let pairs: Vec<_> = bbox_grid(bbox_px).map(|point| (point, self.apply(&point))).collect();
         Similarity::fit(&pairs).unwrap_or(Similarity::carrying(&Vector2::zeros(), &Vector2::zeros(), 1.0))
     }
 
@@ -216,8 +216,8 @@ impl From<Similarity> for Homography {
     }
 }
 
-/// Iterates over a 5 × 5 grid of points over a box.
-fn grid([x0, y0, x1, y1]: &[f64; 4]) -> impl Iterator<Item = Vector2<f64>> + use<> {
+/// Iterates over a 5 × 5 grid of points over a box, row by row.
+pub fn bbox_grid([x0, y0, x1, y1]: &[f64; 4]) -> impl Iterator<Item = Vector2<f64>> + use<> {
     let [x0, y0, x1, y1] = [*x0, *y0, *x1, *y1];
     (0..25).map(move |i| {
         let (u, v) = (f64::from(i % 5) / 4.0, f64::from(i / 5) / 4.0);
@@ -242,7 +242,7 @@ mod tests {
         #[test]
         fn a_fit_finds_the_homography(pan in -0.3f64..0.3, tilt in -0.2f64..0.2, roll in -0.1f64..0.1) {
             let truth = turned(1.5, pan, tilt, roll);
-            let pairs = grid(&[-1.0, -0.6, 1.0, 0.6]).map(|p| (p, truth.apply(&p), 1.0));
+            let pairs = bbox_grid(&[-1.0, -0.6, 1.0, 0.6]).map(|p| (p, truth.apply(&p), 1.0));
             let (found, _) = Homography::fit(pairs, None).unwrap();
             for (a, b) in found.numbers().into_iter().zip(truth.numbers()) {
                 prop_assert!((a - b).abs() < 1e-9);

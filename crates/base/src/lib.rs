@@ -75,7 +75,7 @@ pub use camera_prior::{CameraPrior, is_determined};
 pub use evidence::{CameraEvidence, ClipIdentity, EVIDENCE_SCHEMA, ParkedCar};
 pub use frame::{Frame, FrameStamp};
 pub use ground::{Ground, GroundPart};
-pub use homography::{Homography, Turn};
+pub use homography::{Homography, Turn, bbox_grid};
 pub use image_size::ImageSize;
 pub use keypoint::{
     KEYPOINTS, Keypoint, KeypointSet, MIN_KEYPOINTS, keypoint_names, mirror_index, skeleton_edges,

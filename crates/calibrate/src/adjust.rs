@@ -8,7 +8,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::Vector2;
-use roadplane_base::{Homography, ImageSize};
+use roadplane_base::{Homography, ImageSize, bbox_grid};
 
 /// A measured mapping between two references.
 #[derive(Clone, Copy, Debug)]
@@ -25,8 +25,6 @@ pub(crate) struct MeasuredLink {
 const MOST_SWEEPS: usize = 200;
 /// Change of a point in one sweep below which the adjustment ends, px.
 const STILL_PX: f64 = 1e-3;
-/// Points of a reference that are compared, in each direction.
-const POINTS: usize = 4;
 
 /// Returns the adjusted positions. A position is the mapping from the world picture to the reference, px. The world
 /// picture is the reference `world`, which keeps its position.
@@ -72,16 +70,8 @@ fn fitted(
     let centre = size.centre_px();
     let scaled = |point: Vector2<f64>| (point - centre) / unit;
     let world_from_reference = positions[&reference].inverse();
-    let middle = |i: usize| (i as f64 + 0.5) / POINTS as f64;
-    let grid: Vec<Vector2<f64>> = (0..POINTS * POINTS)
-        .map(|i| {
-            Vector2::new(
-                middle(i % POINTS) * f64::from(size.width),
-                middle(i / POINTS) * f64::from(size.height),
-            )
-        })
-        .map(|point| world_from_reference.apply(&point))
-        .collect();
+    let grid: Vec<Vector2<f64>> =
+        bbox_grid(&size.picture_px()).map(|point| world_from_reference.apply(&point)).collect();
     let by_link = links.iter().filter_map(|link| {
         let [from, to] = link.ends;
         let (neighbour, mapping) = if reference == to {

@@ -14,9 +14,6 @@
 use nalgebra::{Matrix2, Vector2};
 use roadplane_base::{KEYPOINTS, Keypoint, KeypointSet, StudentT, median};
 
-/// Error model of a keypoint's observations; the scale comes from their median distance.
-const SCATTER: StudentT = StudentT { dimensions: 2.0 };
-
 /// Robust mean of one keypoint over the frames.
 struct Mean {
     /// Mean position, px, its mean score, and the covariance of a single observation, px². Frames without the keypoint
@@ -66,7 +63,10 @@ fn mean_of(looks: &[&KeypointSet], index: usize) -> Option<Mean> {
         let away: Vec<f64> = seen.iter().map(|(p, _)| (p.pixel - pixel).norm()).collect();
         // The median of a Rayleigh variable is 1.1774 sds.
         let sd = (median(&mut away.clone())? / 1.1774).max(1e-9);
-        weights = away.iter().map(|distance| SCATTER.weight((distance / sd).powi(2))).collect();
+        weights = away
+            .iter()
+            .map(|distance| StudentT { dimensions: 2.0 }.weight((distance / sd).powi(2)))
+            .collect();
         let mut sum = Vector2::zeros();
         let mut information = Matrix2::zeros();
         for ((point, inverse), weight) in seen.iter().zip(&weights) {

@@ -5,38 +5,10 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use roadplane_base::{FrameRecord, SceneLine};
+use roadplane_base::SceneLine;
 
 use crate::factors::Factor;
 use crate::{FuseOptions, Turns, Verticals, WindowEstimate, fuse, verticals};
-
-/// Edges of the scene that may be vertical. Each set has the time at which it was found, s.
-#[derive(Clone, Debug, Default)]
-pub struct SceneLines(Vec<(f64, Vec<SceneLine>)>);
-
-impl SceneLines {
-    /// Takes the scene lines out of a frame.
-    pub fn take(&mut self, frame: &mut FrameRecord) {
-        if let Some(lines) = frame.scene_lines.take() {
-            self.0.push((frame.time_s, lines));
-        }
-    }
-
-    /// Returns the last lines of each camera position.
-    #[must_use]
-    pub fn by_position(self, position_at: impl Fn(f64) -> usize) -> BTreeMap<usize, Vec<SceneLine>> {
-        self.0.into_iter().map(|(time_s, lines)| (position_at(time_s), lines)).collect()
-    }
-}
-
-/// The data of cues, by camera position.
-#[derive(Clone, Debug, Default)]
-pub struct Cues {
-    /// Edges that may be vertical.
-    pub lines: BTreeMap<usize, Vec<SceneLine>>,
-    /// Focal length from turns and zooms.
-    pub turns: BTreeMap<usize, Turns>,
-}
 
 /// The data of one camera position, and the results from them.
 #[derive(Clone, Debug, PartialEq)]
@@ -64,43 +36,33 @@ impl SceneView {
     }
 }
 
-impl Cues {
-    /// Evaluates the cues of each position beside the windows and the factors of `options`.
-    ///
-    /// A position without a camera has no result. Neither has a camera whose focal length the user gave.
-    #[must_use]
-    pub fn evaluate(&self, windows: &[WindowEstimate], options: &FuseOptions) -> Vec<SceneView> {
-        let positions: BTreeSet<usize> = self.lines.keys().chain(self.turns.keys()).copied().collect();
-        let views = positions.into_iter().map(|position| {
-            let lines = self.lines.get(&position).cloned().unwrap_or_default();
-            let here: Vec<WindowEstimate> =
-                windows.iter().filter(|window| window.segment == position).cloned().collect();
-            let mut view = SceneView { position, lines, verticals: None, turns: None };
-            if !options.focal_given {
-                view.turns = self.turns.get(&position).copied();
-                let mut options = options.clone();
-                view.add_factors(&mut options.factors);
-                match fuse(&here, &options).pop() {
-                    Some(camera) => view.verticals = verticals(&view.lines, &camera),
-                    None => view.turns = None,
-                }
+/// Evaluates the cues of each position beside the windows and the factors of `options`: edges of the scene that may be
+/// vertical (`lines`), and the focal length from turns and zooms (`turns`), by camera position.
+///
+/// A position without a camera has no result. Neither has a camera whose focal length the user gave.
+#[must_use]
+pub fn cues(
+    mut lines: BTreeMap<usize, Vec<SceneLine>>,
+    turns: &BTreeMap<usize, Turns>,
+    windows: &[WindowEstimate],
+    options: &FuseOptions,
+) -> Vec<SceneView> {
+    let positions: BTreeSet<usize> = lines.keys().chain(turns.keys()).copied().collect();
+    let views = positions.into_iter().filter_map(|position| {
+        let has_lines = lines.contains_key(&position);
+        let lines = lines.remove(&position).unwrap_or_default();
+        let mut view = SceneView { position, lines, verticals: None, turns: None };
+        if !options.focal_given {
+            view.turns = turns.get(&position).copied();
+            let mut options = options.clone();
+            view.add_factors(&mut options.factors);
+            let here = windows.iter().filter(|window| window.segment == position).cloned();
+            match fuse(&here.collect::<Vec<_>>(), &options).pop() {
+                Some(camera) => view.verticals = verticals(&view.lines, &camera),
+                None => view.turns = None,
             }
-            view
-        });
-        let has_data = |view: &SceneView| view.turns.is_some() || self.lines.contains_key(&view.position);
-        views.filter(has_data).collect()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn the_last_lines_of_a_position_count() {
-        let line = |x: f64| vec![SceneLine::from([x, 0.0, x, 50.0, 0.01])];
-        let told = SceneLines(vec![(0.0, line(1.0)), (4.0, line(2.0)), (50.0, line(3.0))]);
-        let by_position = told.by_position(|time_s| usize::from(time_s > 40.0));
-        assert_eq!(by_position, [(0, line(2.0)), (1, line(3.0))].into());
-    }
+        }
+        (has_lines || view.turns.is_some()).then_some(view)
+    });
+    views.collect()
 }

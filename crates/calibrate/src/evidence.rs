@@ -24,24 +24,15 @@ impl Window {
     ///
     /// `foot_px` gives the position of a box as in [`Fold`].
     #[must_use]
-    pub fn divided(self, fold: &Fold, foot_px: impl Fn(&[f64; 4]) -> Vector2<f64>) -> [Self; 2] {
-        let (beyond, here) = self.views.into_iter().partition(|view| fold.is_beyond(&foot_px(&view.bbox_px)));
-        let Self { span_s, frames, segment, .. } = self;
-        [(here, segment), (beyond, segment + 1)].map(|(views, segment)| Self {
-            span_s,
-            frames,
+    pub fn divided(mut self, fold: &Fold, foot_px: impl Fn(&[f64; 4]) -> Vector2<f64>) -> [Self; 2] {
+        let views = std::mem::take(&mut self.views).into_iter();
+        let (beyond, here) = views.partition(|view| fold.is_beyond(&foot_px(&view.bbox_px)));
+        [(here, self.segment), (beyond, self.segment + 1)].map(|(views, segment)| Self {
             views,
             segment,
+            ..self
         })
     }
-}
-
-/// A window that is being filled.
-struct Open {
-    /// First and last time of its frames, s.
-    span_s: [f64; 2],
-    /// Number of its frames.
-    frames: usize,
 }
 
 /// Collects evidence frame by frame. Its memory is bounded by the window's views, not by the clip's length.
@@ -55,8 +46,8 @@ pub struct EvidenceBuilder {
     linker: Linker,
     /// Selects the views of the current window.
     selector: ViewSelector,
-    /// The current window; `None` before its first frame.
-    open: Option<Open>,
+    /// The current window, without its views; `None` before its first frame.
+    open: Option<Window>,
     /// Index of the current camera position, from 0.
     segment: usize,
 }
@@ -77,7 +68,7 @@ impl EvidenceBuilder {
     /// Takes the next frame, in the order of time. Returns a window when one is complete.
     pub fn push(&mut self, frame: &FrameRecord) -> Option<Window> {
         let moved = frame.watch.as_ref().filter(|watch| watch.moved.is_some());
-        let is_full = |open: &Open| frame.time_s - open.span_s[0] >= self.window_s;
+        let is_full = |open: &Window| frame.time_s - open.span_s[0] >= self.window_s;
         let window =
             if moved.is_some() || self.open.as_ref().is_some_and(is_full) { self.finish() } else { None };
         if let Some(watch) = moved {
@@ -86,7 +77,8 @@ impl EvidenceBuilder {
         }
         let links = self.linker.push(frame);
         self.selector.push(frame, &links);
-        let open = self.open.get_or_insert(Open { span_s: [frame.time_s; 2], frames: 0 });
+        let first = Window { span_s: [frame.time_s; 2], frames: 0, views: Vec::new(), segment: self.segment };
+        let open = self.open.get_or_insert(first);
         open.span_s[1] = open.span_s[1].max(frame.time_s);
         open.frames += 1;
         window
@@ -94,7 +86,12 @@ impl EvidenceBuilder {
 
     /// Ends the current window and returns it; `None` if it has no frame.
     pub fn finish(&mut self) -> Option<Window> {
-        let Open { span_s, frames } = self.open.take()?;
-        Some(Window { span_s, frames, views: self.selector.take(), segment: self.segment })
+        Some(Window { views: self.selector.take(), ..self.open.take()? })
+    }
+
+    /// Returns the index of the camera position of the last frame, from 0.
+    #[must_use]
+    pub fn position(&self) -> usize {
+        self.segment
     }
 }

@@ -6,23 +6,21 @@
 //! [`Factor`].
 
 mod length;
-mod number;
 mod survey;
 mod vertical;
+
+use std::ops::{Div, Sub};
 
 use nalgebra::{DMatrix, DVector, MatrixXx4, Vector4};
 
 pub use self::length::Length;
-pub use self::number::Number;
 pub use self::survey::Survey;
 pub use self::vertical::VerticalVanishingPoint;
 
 /// A factor on the camera.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Factor {
-    /// A measured camera parameter.
-    Number(Number),
-    /// An estimate of all four camera parameters from another source.
+    /// Measured camera parameters.
     Survey(Survey),
     /// A known distance on the ground.
     Length(Length),
@@ -53,7 +51,20 @@ pub(crate) struct Residual {
 /// Largest sd of log focal length for which a cue counts. A Gaussian does not describe a wider distribution.
 pub(crate) const WEAKEST: f64 = 0.25;
 /// Step of central differences: rad for angles, and without unit for logarithms.
-pub(crate) const STEP: f64 = 1e-5;
+const STEP: f64 = 1e-5;
+
+/// Returns the derivatives of a function of the camera by (log f, tilt, roll, log h); `None` where it has no value.
+#[must_use]
+pub fn by_camera<V>(of: impl Fn(&Vector4<f64>) -> Option<V>, camera: &Vector4<f64>) -> Option<[V; 4]>
+where
+    V: Sub<Output = V> + Div<f64, Output = V>,
+{
+    let by = |i: usize| {
+        let step = Vector4::ith(i, STEP);
+        Some((of(&(camera + step))? - of(&(camera - step))?) / (2.0 * STEP))
+    };
+    Some([by(0)?, by(1)?, by(2)?, by(3)?])
+}
 
 impl Component {
     /// Returns the density of a residual times `share`, up to a constant factor.
@@ -72,16 +83,12 @@ impl Factor {
 
     /// Returns the residual at a camera; `None` if the factor cannot be evaluated there.
     pub(crate) fn residual(&self, camera: &Vector4<f64>) -> Option<Residual> {
-        let value = self.value(camera)?;
-        let mut by_camera = MatrixXx4::zeros(value.len());
-        for i in 0..4 {
-            let step = Vector4::ith(i, STEP);
-            by_camera.set_column(
-                i,
-                &((self.value(&(camera + step))? - self.value(&(camera - step))?) / (2.0 * STEP)),
-            );
-        }
-        Some(Residual { value, by_camera, components: self.components(camera)? })
+        let by_camera = by_camera(|camera| self.value(camera), camera)?;
+        Some(Residual {
+            value: self.value(camera)?,
+            by_camera: MatrixXx4::from_columns(&by_camera),
+            components: self.components(camera)?,
+        })
     }
 
     /// Returns the negative log likelihood of a camera, up to a constant. `None` if it cannot be evaluated.
@@ -94,7 +101,6 @@ impl Factor {
 
     fn value(&self, camera: &Vector4<f64>) -> Option<DVector<f64>> {
         match self {
-            Self::Number(number) => Some(number.value(camera)),
             Self::Survey(survey) => Some(survey.value(camera)),
             Self::Length(length) => length.value(camera),
             Self::Vertical(vertical) => Some(vertical.value(camera)),
@@ -103,7 +109,6 @@ impl Factor {
 
     fn components(&self, camera: &Vector4<f64>) -> Option<Vec<Component>> {
         match self {
-            Self::Number(number) => Some(number.components()),
             Self::Survey(survey) => Some(survey.components()),
             Self::Length(length) => length.components(camera),
             Self::Vertical(vertical) => vertical.components(camera),
@@ -143,7 +148,6 @@ mod tests {
         };
         let information = Matrix4::from_fn(|r, c| if r == c { 900.0 } else { 200.0 });
         vec![
-            Factor::Number(Number { which: 1, value: 0.3, sd: 0.01 }),
             Factor::Survey(Survey { mean: camera(), information, by_cars: false }),
             length([project(-2.0, 18.0, 0.0), project(3.0, 18.0, 0.0)]),
             length([project(0.0, 15.0, 0.0), project(3.0, 19.0, 0.0)]),

@@ -176,16 +176,14 @@ const STILL: f64 = 1e-9;
 /// There is one estimate per camera position. A position without a usable window has no estimate.
 #[must_use]
 pub fn fuse(windows: &[WindowEstimate], options: &FuseOptions) -> Vec<CameraEstimate> {
-    join(windows, options).estimates
+    join(windows, options).estimates.into_values().collect()
 }
 
 /// Result of joining windows.
 #[derive(Clone, Debug)]
 pub struct Joined {
-    /// Estimates of the camera, in the order of positions.
-    pub estimates: Vec<CameraEstimate>,
-    /// Index of the camera position of each estimate.
-    pub segments: Vec<usize>,
+    /// Estimate of the camera at each position.
+    pub estimates: BTreeMap<usize, CameraEstimate>,
     /// Log of the size of the site's cars relative to the atlas; 0 where only cars determine the scale.
     pub size_of_cars: f64,
 }
@@ -199,11 +197,11 @@ pub fn join(windows: &[WindowEstimate], options: &FuseOptions) -> Joined {
     let pieces = pieces(&usable, options);
     let (nodes, states) = solve(&pieces, options);
     let solved = pieces.iter().zip(&nodes).zip(&states);
+    let of_piece = |((piece, node), state): ((&Piece<'_, '_>, &Node), &Gaussian)| {
+        (piece.windows[0].segment, estimate(piece.windows, node, state, options))
+    };
     Joined {
-        segments: pieces.iter().map(|piece| piece.windows[0].segment).collect(),
-        estimates: solved
-            .map(|((piece, node), state)| estimate(piece.windows, node, state, options))
-            .collect(),
+        estimates: solved.map(of_piece).collect(),
         size_of_cars: states.last().map_or(0.0, Gaussian::size_of_cars),
     }
 }
@@ -306,16 +304,11 @@ fn estimate(
     let cars: BTreeSet<CarIdentity> =
         group.iter().flat_map(|window| window.cars.iter().map(|used| used.car)).collect();
     CameraEstimate {
-        span_s: span_s(group),
-        image_size_px: options.image_size_px,
-        principal_point_px: options.image_size_px.centre_px(),
-        lens: options.lens,
-        distortion_sd: options.bend_sd,
         params: CameraParams::from_vector(&params),
         covariance,
         status,
         cars_used: cars.len(),
         frames_used: group.iter().map(|window| window.frames).sum(),
-        second_plane: None,
+        ..options.unobservable(span_s(group))
     }
 }

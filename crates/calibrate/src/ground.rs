@@ -24,7 +24,7 @@ const SIZE_SD: f64 = 0.05;
 /// Sds of the keypoint net's errors that depend on the size of a car in the picture: of the tilt (rad) and of the log
 /// height, per unit of the log of the box's side. They are estimates: as large as the error of the elevation that all
 /// cars share (`solve.shared_view_sd_deg`), and as the error of a car's size.
-const BY_SIZE_SD: [f64; 2] = [0.016, 0.05];
+const BY_SIZE_SD: [f64; 2] = [0.016, SIZE_SD];
 /// Index of the errors that depend on size, after the plane.
 const BY_SIZE: usize = 3;
 /// Index of the angle of the fold.
@@ -33,16 +33,10 @@ const FOLD: usize = 5;
 type Equations = (Matrix6<f64>, Vector6<f64>);
 /// Information that keeps unobserved numbers of a plane finite.
 const LEAST_INFORMATION: f64 = 1e-6;
-/// Number of directions of lines.
-const DIRECTIONS: usize = 12;
-/// Number of lines per direction.
+/// Number of directions of lines, and of lines per direction.
 const LINES: usize = 12;
 /// Largest number of views. Later windows of a long clip are not used.
 const MOST_VIEWS: usize = 4000;
-/// Error of a view on (tilt, roll, log height). Views that contradict the others count less.
-const VIEW_ERROR: StudentT = StudentT { dimensions: 3.0 };
-/// Median of a chi-squared variable with three degrees of freedom.
-const CHI2_MEDIAN: f64 = 2.366;
 /// Number of rounds in which the views' weights are computed.
 const ROUNDS: usize = 5;
 
@@ -161,8 +155,8 @@ impl GroundEvidence {
     /// Returns the lines of a regular grid over the views.
     fn lines(&self) -> Vec<Vector3<f64>> {
         let mut lines = Vec::new();
-        for direction in 0..DIRECTIONS {
-            let (sin, cos) = (std::f64::consts::PI * direction as f64 / DIRECTIONS as f64).sin_cos();
+        for direction in 0..LINES {
+            let (sin, cos) = (std::f64::consts::PI * direction as f64 / LINES as f64).sin_cos();
             let mut along: Vec<f64> = self.feet().map(|foot| cos * foot.x + sin * foot.y).collect();
             along.sort_by(f64::total_cmp);
             for i in 1..=LINES {
@@ -185,10 +179,11 @@ impl GroundEvidence {
                 .map(|(window, weights)| window.squares(weights).unwrap_or(vec![0.0; weights.len()]))
                 .collect();
             let mut all: Vec<f64> = squares.iter().flatten().copied().collect();
-            let scale = (upper_median(&mut all, f64::total_cmp).unwrap_or(1.0) / CHI2_MEDIAN).max(1.0);
+            // The median of a chi-squared variable with three degrees of freedom is 2.366.
+            let scale = (upper_median(&mut all, f64::total_cmp).unwrap_or(1.0) / 2.366).max(1.0);
             for (weights, squares) in weights.iter_mut().zip(&squares) {
                 for (weight, square) in weights.iter_mut().zip(squares) {
-                    *weight = VIEW_ERROR.weight(square / scale) / scale;
+                    *weight = StudentT { dimensions: 3.0 }.weight(square / scale) / scale;
                 }
             }
         }
@@ -201,9 +196,10 @@ impl GroundEvidence {
         let by_size = Vector2::from(BY_SIZE_SD).map(|sd| 1.0 / (sd * sd)).push(0.0);
         let (mut hessian, mut gradient) = (Matrix3::from_diagonal(&by_size), Vector3::zeros());
         for (window, weights) in self.windows.iter().zip(weights) {
-            let change = window.change(line)?;
             let beyond = |view: &GroundView| is_beyond(line, &view.foot_px);
-            let (own, slope) = without_plane(&window.equations(weights, beyond, &change))?;
+            let of_window = |change| without_plane(&window.equations(weights, beyond, &change));
+            // A window whose plane the line does not cut, or whose cars do not determine it, gives no evidence.
+            let Some((own, slope)) = window.change(line).and_then(of_window) else { continue };
             hessian += own;
             gradient += slope;
         }

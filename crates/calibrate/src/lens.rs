@@ -9,7 +9,8 @@
 //! either side. The share of straight edges, and their straightness, are unknown. So each edge is a mixture, and the
 //! likelihood of the distortion is computed on a grid.
 //!
-//! As a prior, a picture is either free of distortion or distorted as surveillance lenses distort it. It is free with a
+//! As a prior, half of all pictures are free of distortion, and the others are distorted as surveillance lenses distort
+//! them. A picture is free with a
 //! good lens, or if the camera corrects it. Otherwise the distortion grows with the picture's width relative to the
 //! focal length.
 //!
@@ -35,8 +36,8 @@ pub(crate) const MOST_EDGES: usize = 300;
 pub(crate) const LEAST_GAIN: f64 = 4.6;
 /// Number of sides of the picture, in the order right, bottom, left, top.
 const SIDES: usize = 4;
-/// Shares of straight edges in the mixture, with equal prior weights.
-const SHARES: [f64; 4] = [0.1, 0.25, 0.5, 0.75];
+/// Shares of straight or of vertical edges in a mixture, with equal prior weights.
+pub(crate) const SHARES: [f64; 4] = [0.1, 0.25, 0.5, 0.75];
 /// Sds of the midpoint of a straight edge, px, with equal prior weights.
 const CROOKED_PX: [f64; 3] = [0.15, 0.3, 0.6];
 /// Number of pairs of a share in `SHARES` and an sd in `CROOKED_PX`.
@@ -46,13 +47,11 @@ const STRAY_SHARE: f64 = 0.0035;
 /// Range of the distortion on the grid ([`Lens::distortion`], dimensionless).
 const BENDS: [f64; 2] = [-0.6, 0.2];
 /// Step of the grid of distortions (dimensionless). A turn that shows the distortion more accurately makes a finer one.
-const STEP: f64 = 0.0025;
+const STEP: f64 = STRAIGHT_SD / 2.0;
 /// Reach of a finer grid to either side of the turn's distortion, and its step, in sds.
 const FINE: [f64; 2] = [6.0, 0.25];
-/// Prior share of pictures without distortion.
-const STRAIGHT_SHARE: f64 = 0.4;
-/// Sd of the distortion that a picture has although it counts as free of distortion (dimensionless).
-pub(crate) const STRAIGHT_SD: f64 = 0.005;
+/// Sd of the distortion about that of a lens that is given, or that counts as free of distortion (dimensionless).
+pub const STRAIGHT_SD: f64 = 0.005;
 /// Mean and sd of OpenCV's k1 of the other pictures. Most are distorted outwards; published values are −0.4 to 0.05.
 const K1: [f64; 2] = [-0.12, 0.15];
 /// Greatest k1 of these lenses, in OpenCV's convention.
@@ -63,8 +62,6 @@ const GREATEST_K1: f64 = 0.05;
 pub struct LensView {
     /// Size of the picture.
     size: ImageSize,
-    /// Whether there are no edges and no turns.
-    is_bare: bool,
     /// Grid of distortions.
     bends: Vec<f64>,
     /// Distortion that the turns of the camera show.
@@ -99,7 +96,7 @@ impl LensView {
                 }
             }
         }
-        Self { size, is_bare: curves.is_empty() && turned.is_none(), bends, turned, sides }
+        Self { size, bends, turned, sides }
     }
 
     /// Returns the log likelihood over the grid of the turns, and of the edges of all sides except `but`.
@@ -115,11 +112,8 @@ impl LensView {
     /// show one. The cars are not used.
     #[must_use]
     pub fn found(&self, log_focal: LogFocal) -> Option<(Lens, f64)> {
-        if self.is_bare {
-            return None;
-        }
         if self.turned.is_some_and(|turned| turned.sd <= STRAIGHT_SD) {
-            let [mean, sd] = self.moments(&self.prior(log_focal, STRAIGHT_SHARE))?;
+            let [mean, sd] = self.moments(&self.prior(log_focal, 0.5))?;
             return Some((Lens::with_distortion(mean, self.size), sd));
         }
         let bent = self.prior(log_focal, 0.0);
@@ -141,7 +135,7 @@ impl LensView {
     /// Returns the posterior mean and sd of the distortion, given the focal length.
     #[must_use]
     pub fn distortion(&self, log_focal: LogFocal) -> [f64; 2] {
-        self.moments(&self.prior(log_focal, STRAIGHT_SHARE)).unwrap_or_default()
+        self.moments(&self.prior(log_focal, 0.5)).unwrap_or_default()
     }
 
     /// Returns the sd of the distortion about that of `lens`, given the focal length.

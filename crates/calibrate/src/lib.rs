@@ -12,8 +12,8 @@
 //!             → Window { views, … } → (joint solve of the window, in another crate) → WindowEstimate
 //!             → fuse → one CameraEstimate per camera position
 //! GroundView → GroundEvidence → Fold → Window::divided    two planes, where the slope of the road changes
-//! SceneLine → Cues → Factor → fuse                focal length from vertical lines
-//! Registration → PlacesBuilder → Turns → Cues → Factor → fuse   focal length from turns and zooms
+//! SceneLine → cues → Factor → fuse                focal length from vertical lines
+//! Registration → PlacesBuilder → Turns → cues → Factor → fuse   focal length from turns and zooms
 //! user constraints → Factor → fuse
 //! SceneCurve, Registration → TurnedLensBuilder → LensView   lens distortion and its sd, before any solve
 //! CameraEvidence of other clips → epochs → more WindowEstimates for fuse    camera database
@@ -44,16 +44,16 @@ mod turns;
 mod verticals;
 
 pub use combine::combine;
-pub use cues::{Cues, SceneLines, SceneView};
+pub use cues::{SceneView, cues};
 pub use evidence::{EvidenceBuilder, Window};
-pub use factors::{Factor, Length, Number, Survey, VerticalVanishingPoint};
+pub use factors::{Factor, Length, Survey, VerticalVanishingPoint, by_camera};
 pub use fuse::{CarIdentity, CarUse, FuseOptions, Joined, WindowEstimate, condense, fuse, join};
 pub use ground::{Fold, GroundEvidence, GroundView};
-pub use lens::{LensView, LogFocal};
+pub use lens::{LensView, LogFocal, STRAIGHT_SD};
 pub use linker::{LinkId, Linker};
 pub use one_camera::OneCamera;
 pub use places::{Places, PlacesBuilder};
-pub use prior::FusePrior;
+pub use prior::{FusePrior, LEAST_SD};
 pub use remember::{Epoch, SameView, epochs, joins, same_vehicle};
 pub use select::{View, ViewSelector};
 pub use turned_camera::turned_information;

@@ -11,8 +11,9 @@ pub type LinkId = u64;
 const SHORT_S: f64 = 1.0;
 /// A stationary car that is missing for longer gets a new identifier, s.
 const MAX_PARKED_GAP_S: f64 = 30.0;
-/// Sd of a box's centre around its prediction, in box diagonals.
-const CENTRE_SD: f64 = 0.06;
+/// Sd of a box's centre around its prediction, as a share of its size (diagonal or longer side). A box that stays within
+/// one sd may be stationary.
+pub(crate) const CENTRE_SD: f64 = 0.06;
 /// Growth of the centre's sd for a moving box, diagonals per s.
 const DRIFT: f64 = 2.5;
 /// Growth of the centre's sd for a stationary box, diagonals per s.
@@ -21,8 +22,6 @@ const STILL_DRIFT: f64 = 0.12;
 const LOG_SIZE_SD: f64 = 0.2;
 /// Squared normalised distance beyond which two boxes are different cars: 4 sds, squared.
 const GATE: f64 = 16.0;
-/// A box that stays within this share of its size (diagonal or longer side) may be stationary.
-pub(crate) const STILL: f64 = 0.06;
 
 /// A car and its last detection.
 #[derive(Clone, Debug)]
@@ -154,7 +153,7 @@ fn update(link: &mut Link, car: &CarRecord, time_s: f64) {
         let share = if link.seen < 2 { 1.0 } else { 1.0 - (-gap_s / 0.15).exp() };
         link.velocity_px_s += share * (velocity - link.velocity_px_s);
     }
-    if (centre - link.anchor_px).norm() > STILL * diagonal_px(&car.bbox_px) {
+    if (centre - link.anchor_px).norm() > CENTRE_SD * diagonal_px(&car.bbox_px) {
         link.anchor_px = centre;
         link.anchor_s = time_s;
     }

@@ -4,8 +4,8 @@
 //! [`Places`]). For a camera that turns and zooms about its centre this is exact, whatever the distances. So the solver
 //! and the tracker see one camera. Frames between two inference frames get an interpolated motion.
 //!
-//! Vehicles are removed from pictures that lie on no reference: a cut, or a camera that is carried along. They are also
-//! removed from pictures without information.
+//! Vehicles are removed from pictures that lie on no place: after a cut, in a view that is too short for a place, or
+//! from a camera that is carried along. They are also removed from pictures without information.
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -15,10 +15,7 @@ use roadplane_base::{
     CameraMove, FrameRecord, Homography, MoveKind, NotFollowedReason, PictureMotion, PictureVerdict,
 };
 
-use crate::places::Places;
-
-/// Time after which frames no longer wait for an inference frame, s.
-const MAX_WAIT_S: f64 = 2.0;
+use crate::places::{MIN_PLACE_S, Places};
 
 /// The position of a picture in a place.
 #[derive(Clone, Copy, Debug)]
@@ -105,18 +102,15 @@ impl<I> OneCamera<I> {
         if !self.places.is_measured() {
             return Some(Position { time_s, place: 0, picture_from_world: shifted(watch.offset()) });
         }
+        let is_elsewhere = !watch.motion.is_empty()
+            || matches!(watch.verdict, PictureVerdict::Unsettled | PictureVerdict::Moving);
         self.lost = if watch.motion.iter().any(|found| self.places.is_travelling(found.reference)) {
             Some(NotFollowedReason::Travelling)
         } else {
-            matches!(watch.verdict, PictureVerdict::Unsettled | PictureVerdict::Moving)
-                .then_some(NotFollowedReason::NotRegistered)
+            is_elsewhere.then_some(NotFollowedReason::NotRegistered)
         };
-        Some(
-            self.last
-                .map_or(Position { time_s, place: 0, picture_from_world: PictureMotion::IDENTITY }, |last| {
-                    Position { time_s, ..last }
-                }),
-        )
+        let first = Position { time_s, place: 0, picture_from_world: PictureMotion::IDENTITY };
+        Some(Position { time_s, ..self.last.unwrap_or(first) })
     }
 
     /// Converts a frame and adds it to those that are ready.
@@ -132,6 +126,7 @@ impl<I> OneCamera<I> {
         if is_blind || is_lost {
             frame.cars.clear();
             frame.weak.clear();
+            frame.scene_lines = None;
         }
         let first_of_place = place != self.place && !is_lost;
         if first_of_place {
@@ -179,7 +174,8 @@ where
                     self.waiting.push_back(frame);
                     let waited_s = |(first, last): (&FrameRecord, &FrameRecord)| last.time_s - first.time_s;
                     let ends = self.waiting.front().zip(self.waiting.back());
-                    if ends.map_or(0.0, waited_s) > MAX_WAIT_S {
+                    // Frames wait for as long as a place lasts at least.
+                    if ends.map_or(0.0, waited_s) > MIN_PLACE_S {
                         self.convert(None);
                     }
                 }

@@ -16,22 +16,13 @@ use crate::turns::{LEAST_SD_PX, Misfit, Turns};
 
 /// Least time for which pictures must lie on the references of a place, s. A flash or a lorry in front of the camera is
 /// shorter. So are the places that a camera passes at 8 m/s: rendered, they last for up to 1.3 s.
-const MIN_PLACE_S: f64 = 2.0;
-/// Least number of pictures on the references of a place.
-const MIN_PICTURES: u64 = 4;
+pub(crate) const MIN_PLACE_S: f64 = 2.0;
 
 /// Weighted sum of the measurements of one link.
 #[derive(Clone, Copy, Debug, Default)]
 struct Link {
     numbers: [f64; 8],
     weight: f64,
-}
-
-impl Link {
-    /// Returns the mean of the measurements; `None` if it has no inverse.
-    fn mean(&self) -> Option<Homography> {
-        Homography::from_numbers(self.numbers.map(|n| n / self.weight))
-    }
 }
 
 /// The pictures that lie on one reference.
@@ -86,8 +77,8 @@ impl PlacesBuilder {
             }
         }
         for (i, a) in watch.motion.iter().enumerate() {
-            let (time_s, start) =
-                (frame.time_s, Pictures { count: 0, first_s: frame.time_s, last_s: frame.time_s });
+            let time_s = frame.time_s;
+            let start = Pictures { count: 0, first_s: time_s, last_s: time_s };
             let here = self.pictures.entry(a.reference).or_insert(start);
             (here.count, here.last_s) = (here.count + 1, here.last_s.max(time_s));
             for b in watch.motion.iter().skip(i + 1).filter(|b| b.reference != a.reference) {
@@ -109,13 +100,13 @@ impl PlacesBuilder {
         let of_travels = self.misfits.iter().filter(|(_, [misfit, _])| misfit.is_travelling());
         let travelling: BTreeSet<u64> = of_travels.map(|(reference, _)| *reference).collect();
         self.pictures.retain(|reference, _| !travelling.contains(reference));
-        let links = self.measured_links();
+        let links = self.mean_links();
         let mut open: BTreeSet<u64> = self.pictures.keys().copied().collect();
         let mut found: Vec<BTreeMap<u64, Homography>> = Vec::new();
         while let Some(first) = open.pop_first() {
             let mut place = BTreeMap::from([(first, Homography::IDENTITY)]);
             // The strongest link to a reference that has no position yet gives it one (Prim 1957).
-            while let Some((reference, position)) = self.next_of(&place, &open) {
+            while let Some((reference, position)) = next_of(&place, &open, &links) {
                 open.remove(&reference);
                 place.insert(reference, position);
             }
@@ -131,8 +122,7 @@ impl PlacesBuilder {
             let here = || place.keys().map(|reference| &self.pictures[reference]);
             let first_s = here().map(|pictures| pictures.first_s).fold(f64::INFINITY, f64::min);
             let last_s = here().map(|pictures| pictures.last_s).fold(f64::NEG_INFINITY, f64::max);
-            let lasts = last_s - first_s >= MIN_PLACE_S && count_of(place) >= MIN_PICTURES;
-            lasts || Some(count_of(place)) == most
+            last_s - first_s >= MIN_PLACE_S || Some(count_of(place)) == most
         });
         let turns = found.iter().map(|place| self.turns_at(place)).collect();
         let numbered = found.into_iter().enumerate();
@@ -163,31 +153,29 @@ impl PlacesBuilder {
         Some(Turns { log_sd: found.log_sd.hypot(by_lens), ..found })
     }
 
-    /// Returns the mean of the measurements of each link.
-    fn measured_links(&self) -> Vec<MeasuredLink> {
-        let measured = |(&(from, to), link): (&(u64, u64), &Link)| {
-            Some(MeasuredLink { ends: [from, to], mapping: link.mean()?, weight: link.weight })
+    /// Returns the mean of the measurements of each link. A link whose mean has no inverse is left out.
+    fn mean_links(&self) -> Vec<MeasuredLink> {
+        let mean = |(&(from, to), Link { numbers, weight }): (&(u64, u64), &Link)| {
+            let mapping = Homography::from_numbers(numbers.map(|n| n / weight))?;
+            Some(MeasuredLink { ends: [from, to], mapping, weight: *weight })
         };
-        self.links.iter().filter_map(measured).collect()
+        self.links.iter().filter_map(mean).collect()
     }
+}
 
-    /// Returns the reference with the strongest link to a place, and its position.
-    fn next_of(&self, place: &BTreeMap<u64, Homography>, open: &BTreeSet<u64>) -> Option<(u64, Homography)> {
-        let ends = |(a, b): (u64, u64)| {
-            let forward = place.contains_key(&a) && open.contains(&b);
-            let backward = place.contains_key(&b) && open.contains(&a);
-            (forward || backward).then_some(forward)
-        };
-        let (key, link, forward) = self
-            .links
-            .iter()
-            .filter_map(|(key, link)| Some((*key, link, ends(*key)?)))
-            .max_by(|a, b| a.1.weight.total_cmp(&b.1.weight).then(b.0.cmp(&a.0)))?;
-        let to_from = link.mean()?;
-        let (from, to, step) =
-            if forward { (key.0, key.1, to_from) } else { (key.1, key.0, to_from.inverse()) };
-        Some((to, place[&from].then(&step)))
-    }
+/// Returns the reference with the strongest link to a place, and its position.
+fn next_of(
+    place: &BTreeMap<u64, Homography>,
+    open: &BTreeSet<u64>,
+    links: &[MeasuredLink],
+) -> Option<(u64, Homography)> {
+    let leads = |from: u64, to: u64| place.contains_key(&from) && open.contains(&to);
+    let outward = links.iter().filter(|MeasuredLink { ends: [a, b], .. }| leads(*a, *b) || leads(*b, *a));
+    // Of links with the same weight the first one counts.
+    let link = outward.reduce(|best, next| if next.weight > best.weight { next } else { best })?;
+    let [a, b] = link.ends;
+    let (from, to, step) = if leads(a, b) { (a, b, link.mapping) } else { (b, a, link.mapping.inverse()) };
+    Some((to, place[&from].then(&step)))
 }
 
 /// A reference and its position in its place.

@@ -8,6 +8,7 @@
 use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{CameraEvidence, ParkedCar, bbox_iou, bbox_longer_side};
 
+use crate::select::MIN_KEYPOINTS;
 use crate::{CarIdentity, CarUse, FuseOptions, LinkId, WindowEstimate, fuse};
 
 /// Result of comparing two pictures of the empty scene.
@@ -32,9 +33,9 @@ pub struct Epoch<'a> {
     pub vehicles: Vec<(LinkId, &'a ParkedCar)>,
 }
 
-/// Squared Mahalanobis distance (4 degrees of freedom) beyond which a clip contradicts an epoch: once in 2·10⁵ by
-/// chance.
-const CONTRADICTS: f64 = 30.0;
+/// Squared distance, in sds, beyond which an error does not explain a difference. For the four numbers of a clip and an
+/// epoch, this happens once in 2·10⁵ by chance.
+pub(crate) const CONTRADICTS: f64 = 30.0;
 /// Largest number of an epoch's pictures that are compared, latest first. A site looks different by night and by day.
 const PICTURES: usize = 12;
 /// Least overlap (intersection over union) of two boxes of the same vehicle; it may have left its bay and returned.
@@ -44,8 +45,6 @@ pub(crate) const SAME_BAY: f64 = 0.6;
 /// The sets are first shifted and scaled onto each other. Nets err by about half of this; other car models differ by
 /// more. In doubt the vehicle counts as the same one, which claims less information.
 const SAME_SHAPE: f64 = 0.02;
-/// Least number of common keypoints for distinguishing two vehicles.
-const MIN_COMMON: usize = 6;
 
 /// Returns whether two parked vehicles are the same one in the same bay.
 #[must_use]
@@ -59,10 +58,10 @@ pub fn same_vehicle(a: &ParkedCar, b: &ParkedCar) -> bool {
         .zip(&b.keypoints_px)
         .filter_map(|(p, q)| Some((Vector2::from((*p)?), Vector2::from((*q)?))))
         .collect();
-    if common.len() < MIN_COMMON {
+    let count = common.len() as f64;
+    if count < MIN_KEYPOINTS {
         return true;
     }
-    let count = common.len() as f64;
     let (mean_p, mean_q) = common
         .iter()
         .fold((Vector2::zeros(), Vector2::zeros()), |(p, q), (x, y)| (p + x / count, q + y / count));

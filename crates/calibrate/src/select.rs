@@ -37,10 +37,8 @@ const ENOUGH_VIEWS: usize = 60;
 const MAX_VIEWS_PER_CAR: usize = 6;
 /// Least length of the box's longer side, px.
 const MIN_SIDE_PX: f64 = 30.0;
-/// Least sum of the keypoints' scores.
-const MIN_KEYPOINTS: f64 = 6.0;
-/// Length of the longer side above which more pixels do not make a view better, px.
-const FULL_SIDE_PX: f64 = 150.0;
+/// Least sum of the keypoints' scores, and least number of keypoints that two vehicles are compared by.
+pub(crate) const MIN_KEYPOINTS: f64 = 6.0;
 /// Least number of frames of a certain car. Views of other cars come last, and only until there are enough views.
 const SURELY_A_CAR: usize = 10;
 
@@ -153,8 +151,7 @@ impl ViewSelector {
     fn look(&self, frame: &FrameRecord, car: &CarRecord) -> Option<Look> {
         let keypoints = car.keypoints.as_ref()?;
         let seen: f64 = keypoints.iter().flatten().map(|point| point.score).sum();
-        let side = car.longer_side_px();
-        if car.class != VehicleClass::Car || side < MIN_SIDE_PX || seen < MIN_KEYPOINTS {
+        if car.class != VehicleClass::Car || car.longer_side_px() < MIN_SIDE_PX || seen < MIN_KEYPOINTS {
             return None;
         }
         // A part of the car may lie outside the picture.
@@ -163,7 +160,7 @@ impl ViewSelector {
             frame: frame.frame,
             bbox_px: car.bbox_px,
             picture_px: frame.picture_px(),
-            quality: car.score * seen * (side / FULL_SIDE_PX).min(1.0) * whole,
+            quality: car.score * seen * car.longer_side_px() * whole,
             keypoints: keypoints.clone(),
         })
     }

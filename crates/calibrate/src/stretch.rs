@@ -2,7 +2,7 @@
 
 use roadplane_base::{CarRecord, KeypointSet, bbox_centre, median};
 
-use crate::{combine, linker::STILL};
+use crate::{combine, linker::CENTRE_SD};
 
 /// One observation of the car.
 #[derive(Clone, Debug)]
@@ -13,7 +13,7 @@ pub(crate) struct Look {
     pub bbox_px: [f64; 4],
     /// The picture of the frame as a box, px.
     pub picture_px: [f64; 4],
-    /// Quality of the observation (dimensionless, larger is better): score, keypoints, size and completeness.
+    /// Quality of the observation (px, larger is better): score, keypoints, size and completeness.
     pub quality: f64,
     /// Keypoints of the car, px.
     pub keypoints: Box<KeypointSet>,
@@ -81,7 +81,7 @@ impl Stretch {
         let middle = nalgebra::Vector2::new(axis(0)?, axis(1)?);
         let away = |look: &Look| (bbox_centre(&look.bbox_px) - middle).norm();
         let [x0, y0, x1, y1] = self.looks.first()?.bbox_px;
-        let bound = STILL * (x1 - x0).max(y1 - y0) + 1.0;
+        let bound = CENTRE_SD * (x1 - x0).max(y1 - y0) + 1.0;
         let still: Vec<&Look> = self.looks.iter().filter(|look| away(look) <= bound).collect();
         let best = |looks: &[&Look]| -> Option<Look> {
             looks

@@ -3,10 +3,10 @@
 //! A camera that turns by R and zooms by g maps its pixels by `K₁ R K₀⁻¹`. Here `K₁` has the focal length g f. Its
 //! centre stays where it is, so the normal of the ground is turned by R and the height is the same.
 
-use nalgebra::{Matrix4, Vector2};
+use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{CameraParams, GroundPlane, Homography, JointInformation};
 
-use crate::factors::STEP;
+use crate::factors::by_camera;
 
 /// Returns the camera after a turn and a zoom. `homography` maps undistorted pixels of its picture to those of the
 /// turned camera, and `centre_px` is the principal point of both. `None` if the homography is no turn.
@@ -33,16 +33,11 @@ pub fn turned_information(
     centre_px: &Vector2<f64>,
 ) -> Option<(CameraParams, JointInformation)> {
     let turned = turned_camera(camera, homography, centre_px)?;
-    let at = |step: f64, column: usize| {
-        let mut numbers = camera.to_vector();
-        numbers[column] += step;
-        Some(turned_camera(&CameraParams::from_vector(&numbers), homography, centre_px)?.to_vector())
+    let turned_numbers = |numbers: &Vector4<f64>| {
+        Some(turned_camera(&CameraParams::from_vector(numbers), homography, centre_px)?.to_vector())
     };
-    let mut derivative = Matrix4::zeros();
-    for column in 0..4 {
-        derivative.set_column(column, &((at(STEP, column)? - at(-STEP, column)?) / (2.0 * STEP)));
-    }
-    let inverse = derivative.try_inverse()?;
+    let derivative = by_camera(turned_numbers, &camera.to_vector())?;
+    let inverse = Matrix4::from_columns(&derivative).try_inverse()?;
     let information = inverse.transpose() * joint.information * inverse;
     let information = (information + information.transpose()) / 2.0;
     let cross = inverse.transpose() * joint.cross;

@@ -5,9 +5,9 @@
 //! grid, the rotation and the zoom that fit a registration best are removed. What remains is its misfit.
 
 use nalgebra::{Matrix3, Matrix4, Vector2, Vector3, Vector4};
-use roadplane_base::{Homography, ImageSize, Registration, Turn};
+use roadplane_base::{Camera, Homography, ImageSize, Registration, Turn, bbox_grid};
 
-use crate::factors::{Factor, Number, WEAKEST};
+use crate::factors::{Factor, Survey, WEAKEST};
 use crate::turned_lens::INDEPENDENT;
 
 /// Number of focal lengths of the grid.
@@ -18,9 +18,6 @@ const LEAST_WIDTHS: f64 = 0.3;
 const STEP: f64 = 0.0586;
 /// Least displacement of a picture that counts, as a share of its width. Smaller turns hardly show the focal length.
 const LEAST_TURN: f64 = 0.02;
-/// Sd of log focal length that does not come from the registrations: a lens that is not of the division model, and a
-/// principal point beside the middle of the picture. It is an estimate.
-const MODEL_SD: f64 = 0.015;
 /// Least misfit of a camera that is carried along, as a multiple of the misfit that the sds predict (root mean square).
 /// Measured on references: at most 1.6 for 30 rendered pans and 20 films; 1.2 to 8 for rendered cameras that are carried at
 /// 8 m/s, whose references soon leave the view; 32 to 154 for the plane of a road that is passed at 1 m/s.
@@ -31,8 +28,6 @@ const MOST_MISFIT: f64 = 5.0 * TRAVELLING * TRAVELLING;
 /// Least sd of a registration, px. Errors of neighbouring blocks are alike, which its own sd leaves out. `places.rs`
 /// adds it to the sds of a link, so that no link is exact.
 pub(crate) const LEAST_SD_PX: f64 = 0.1;
-/// Points of a registration that are compared, in each direction.
-const POINTS: usize = 5;
 
 /// The misfit of the pictures of one reference or of a place, as a function of the focal length.
 #[derive(Clone, Debug)]
@@ -64,7 +59,7 @@ impl Turns {
     /// Returns the factor on the camera.
     #[must_use]
     pub fn factor(&self) -> Factor {
-        Factor::Number(Number { which: 0, value: self.focal_px.ln(), sd: self.log_sd })
+        Factor::Survey(Survey::of_number(0, self.focal_px.ln(), self.log_sd))
     }
 }
 
@@ -81,9 +76,12 @@ impl Misfit {
         let aspect = f64::from(size.height) / f64::from(size.width);
         let sd = registration.sd_px.max(LEAST_SD_PX) / unit;
         let of_lens = registration.lens.map_or(0.0, |lens| 0.5 * ((lens.bend - bend) / lens.sd).powi(2));
-        for i in 0..GRID {
+        let all: Option<Vec<[f64; 2]>> =
+            (0..GRID).map(|i| remaining(&mapping, focal_at(i), aspect)).collect();
+        // A mapping that is near no turn at all would make each focal length impossible.
+        for (i, squares) in all.into_iter().flatten().enumerate() {
             // χ² of eight numbers whose errors have the root mean square `sd` over the picture.
-            let [whole, in_view] = remaining(&mapping, focal_at(i), aspect).map(|v| 4.0 * v / (sd * sd));
+            let [whole, in_view] = squares.map(|square| 4.0 * square / (sd * sd));
             self.cost[i] += whole;
             self.in_view[i] += (in_view + of_lens).min(MOST_MISFIT);
         }
@@ -130,7 +128,8 @@ impl Misfit {
         let least = here - 0.25 * (before - after) * shift;
         // Four of the eight numbers are fitted.
         let misfit = (2.0 * least.max(0.0) / (4.0 * self.count)).sqrt();
-        let log_sd = (STEP / curvature.sqrt() * misfit.max(1.0)).hypot(MODEL_SD);
+        // A principal point beside the middle of the picture changes the focal length by about as much as its distance.
+        let log_sd = (STEP / curvature.sqrt() * misfit.max(1.0)).hypot(Camera::PRINCIPAL_POINT_SD);
         let focal_px = f64::from(size.width) * LEAST_WIDTHS * (STEP * (best as f64 + shift)).exp();
         (curvature > 0.0 && log_sd < WEAKEST).then_some(Turns { focal_px, log_sd })
     }
@@ -152,21 +151,14 @@ fn centred(mapping: &Homography, size: ImageSize) -> Homography {
 /// middle.
 ///
 /// Only the common part was measured, so a wrong distance elsewhere is no proof that the camera is carried along.
-fn remaining(mapping: &Homography, focal: f64, aspect: f64) -> [f64; 2] {
+fn remaining(mapping: &Homography, focal: f64, aspect: f64) -> Option<[f64; 2]> {
     let inverse = Matrix3::from_diagonal(&Vector3::new(1.0 / focal, 1.0 / focal, 1.0));
-    let Some(Turn { growth, rotation }) = mapping.turn(focal, &Vector2::zeros()) else {
-        return [f64::INFINITY; 2];
-    };
+    let Turn { growth, rotation } = mapping.turn(focal, &Vector2::zeros())?;
     let zoomed = Matrix3::from_diagonal(&Vector3::new(focal * growth, focal * growth, 1.0));
-    let Some(model) = Homography::new(zoomed * rotation.matrix() * inverse) else {
-        return [f64::INFINITY; 2];
-    };
+    let model = Homography::new(zoomed * rotation.matrix() * inverse)?;
     // Small changes of rotation and zoom take out the rest that they can explain.
     let (mut whole, mut in_view) = (Rest::default(), Rest::default());
-    let last = (POINTS - 1) as f64;
-    for i in 0..POINTS * POINTS {
-        let (u, v) = ((i % POINTS) as f64 / last, (i / POINTS) as f64 / last);
-        let p = Vector2::new(2.0 * u - 1.0, aspect * (2.0 * v - 1.0));
+    for p in bbox_grid(&[-1.0, -aspect, 1.0, aspect]) {
         let q = model.apply(&p);
         let away = mapping.apply(&p) - q;
         let (x, y) = (q.x / focal, q.y / focal);
@@ -182,7 +174,7 @@ fn remaining(mapping: &Homography, focal: f64, aspect: f64) -> [f64; 2] {
             }
         }
     }
-    [whole.mean(), in_view.mean()]
+    Some([whole.mean(), in_view.mean()])
 }
 
 /// The residual of a least squares fit of the rotation and the zoom.

@@ -18,7 +18,7 @@
 
 mod field;
 
-use nalgebra::{Matrix2, Vector2};
+use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{Camera, CameraEstimate, SceneLine};
 
 use self::field::{Field, Node};
@@ -45,25 +45,27 @@ pub fn verticals(lines: &[SceneLine], cars: &CameraEstimate) -> Option<Verticals
     let width = f64::from(cars.image_size_px.width);
     let field = Field::new(&lines[..lines.len().min(MOST_EDGES)], &cars.principal_point_px, width);
     let (best, gain) = search(&field, &prior)?;
-    if gain < LEAST_GAIN {
+    if gain.is_nan() || gain < LEAST_GAIN {
         return None;
     }
-    let Moments { mean, mut covariance } = moments(&field, &prior, best)?;
+    let (mean, covariance) = moments(&field, &prior, best)?;
+    let (bend, roll, lens) = (mean.x, mean.y, mean.z);
+    let mut covariance = covariance.fixed_view::<2, 2>(0, 0).into_owned();
     // An error of the principal point shifts the centre of the vertical lines and of the lens distortion.
     let principal_point = Camera::PRINCIPAL_POINT_SD * width;
-    let of_lens = 2.0 * mean.lens / (field.half_width() * field.half_width());
-    covariance[(0, 0)] += (principal_point * (mean.bend * mean.bend).hypot(of_lens)).powi(2);
-    covariance[(1, 1)] += (principal_point * mean.bend).powi(2);
+    let of_lens = 2.0 * lens / (field.half_width() * field.half_width());
+    covariance[(0, 0)] += (principal_point * (bend * bend).hypot(of_lens)).powi(2);
+    covariance[(1, 1)] += (principal_point * bend).powi(2);
     // Log focal is (log horizon − log `bend`) / 2. A slope of the road changes `bend`, but not the horizon from cars.
-    let tilt = (mean.bend * prior.focal_px).atan();
+    let tilt = (bend * prior.focal_px).atan();
     let slope = VerticalVanishingPoint::SLOPE_SD / (tilt.sin() * tilt.cos());
-    let log_focal_sd = 0.5 * (covariance[(0, 0)].sqrt() / mean.bend).hypot(slope);
-    if !(mean.bend > 0.0 && log_focal_sd < WEAKEST) {
+    let log_focal_sd = 0.5 * (covariance[(0, 0)].sqrt() / bend).hypot(slope);
+    if !(bend > 0.0 && log_focal_sd < WEAKEST) {
         return None;
     }
     let upright = field.trust(&mean).into_iter().map(|trust| trust > 0.5).collect();
     Some(Verticals {
-        factor: VerticalVanishingPoint { inverse_distance: mean.bend, roll: mean.roll, covariance },
+        factor: VerticalVanishingPoint { inverse_distance: bend, roll, covariance },
         gain,
         upright,
     })
@@ -154,14 +156,12 @@ fn sloped(angle: f64, sd: f64) -> f64 {
         + VerticalVanishingPoint::STEEP_SHARE * normal(VerticalVanishingPoint::STEEP_SD)
 }
 
+/// Number of steps of a grid to either side of its middle, and of rounds in which the grid is set anew.
+const STEPS: i32 = 5;
+/// Range of such a grid to either side, sds.
+const REACH: f64 = 3.0;
 /// Step of the search, rad: of the roll, and of a vertical line's direction at the side of the picture.
 const SEARCH_STEP: f64 = 0.007;
-/// Range of the search for the roll, to either side of the cars' roll, rad.
-const SEARCH_ROLL: f64 = 0.105;
-/// Number of search steps of the lens distortion to either side of its mean.
-const LENS_STEPS: i32 = 4;
-/// Range of the search for the lens distortion, to either side of its mean, sds.
-const LENS_REACH: f64 = 2.2;
 /// Least prior density of a node that is searched, as a share of the greatest.
 const UNLIKELY: f64 = 1e-5;
 
@@ -176,12 +176,13 @@ fn search(field: &Field, prior: &Prior) -> Option<(Node, f64)> {
         })
         .map(|(bend, step)| (bend, step * prior.of_bend(bend)))
         .collect();
-    let rolls: Vec<(f64, f64)> = (-count(SEARCH_ROLL)..=count(SEARCH_ROLL))
+    let reach = count(2.0 * REACH * VerticalVanishingPoint::SLOPE_SD);
+    let rolls: Vec<(f64, f64)> = (-reach..=reach)
         .map(|i| prior.roll[0] + f64::from(i) * SEARCH_STEP)
         .map(|roll| (roll, prior.of_roll(roll)))
         .collect();
-    let lenses: Vec<(f64, f64)> = (-LENS_STEPS..=LENS_STEPS)
-        .map(|i| prior.lens[0] + LENS_REACH * prior.lens[1] * f64::from(i) / f64::from(LENS_STEPS))
+    let lenses: Vec<(f64, f64)> = (-STEPS..=STEPS)
+        .map(|i| prior.lens[0] + REACH * prior.lens[1] * f64::from(i) / f64::from(STEPS))
         .map(|lens| (lens, prior.of_lens(lens)))
         .collect();
     let total = |of: &[(f64, f64)]| of.iter().map(|(_, weight)| weight).sum::<f64>();
@@ -193,7 +194,7 @@ fn search(field: &Field, prior: &Prior) -> Option<(Node, f64)> {
         let seen = field.undistorted(*lens);
         for (bend, of_bend) in &bends {
             for (roll, of_roll) in rolls.iter().filter(|(_, of_roll)| of_bend * of_roll > least) {
-                let node = Node { bend: *bend, roll: *roll, lens: *lens };
+                let node = Node::new(*bend, *roll, *lens);
                 let weight = (of_bend * of_roll * of_lens / all).ln();
                 found.push((node, weight + field.log_ratio(&seen, &node)));
             }
@@ -204,59 +205,40 @@ fn search(field: &Field, prior: &Prior) -> Option<(Node, f64)> {
     Some((best.0, best.1 + sum.ln()))
 }
 
-/// Moments of the edges' likelihood around a node.
-struct Moments {
-    /// Mean node.
-    mean: Node,
-    /// Covariance of the inverse distance `bend` (1/px) and the roll (rad).
-    covariance: Matrix2<f64>,
-}
-
-/// Number of rounds of computing moments on a grid; each grid follows from the moments of the previous round.
-const ROUNDS: usize = 5;
-/// Number of steps of that grid to either side.
-const STEPS: i32 = 5;
-/// Range of that grid to either side, sds.
-const REACH: f64 = 3.0;
-
-/// Returns the mean and covariance of (`bend`, roll) given the edges and the lens prior, without the cars.
+/// Returns the mean node and the covariance of (`bend`, roll, lens) given the edges and the lens prior, without the cars.
 ///
 /// `None` where the covariance is not finite or not positive definite.
-fn moments(field: &Field, prior: &Prior, best: Node) -> Option<Moments> {
-    let step = SEARCH_STEP / (best.bend * field.half_width()).atan().cos().powi(2);
-    let mut mean = best;
-    let mut covariance =
-        Matrix2::from_diagonal(&Vector2::new(step / field.half_width(), SEARCH_STEP).map(|s| s * s));
-    let mut lens_sd = 2.0 * LENS_REACH / f64::from(LENS_STEPS) * prior.lens[1];
-    for _ in 0..ROUNDS {
-        let reach = |i: i32, sd: f64| REACH * sd * f64::from(i) / f64::from(STEPS);
-        let sd = covariance.diagonal().map(f64::sqrt);
+fn moments(field: &Field, prior: &Prior, best: Node) -> Option<(Node, Matrix3<f64>)> {
+    let half = field.half_width();
+    let step = SEARCH_STEP / (best.x * half).atan().cos().powi(2) / half;
+    let (mut mean, mut covariance) = (best, Matrix3::zeros());
+    let mut sd = Vector3::new(step, SEARCH_STEP, 2.0 * REACH / f64::from(STEPS) * prior.lens[1]);
+    for _ in 0..STEPS {
+        let reach = |i: i32, k: i32, l: i32| {
+            mean + Vector3::new(f64::from(i), f64::from(k), f64::from(l)).component_mul(&sd) * REACH
+                / f64::from(STEPS)
+        };
         let mut told: Vec<(Node, f64)> = Vec::new();
-        for lens in (-STEPS..=STEPS).map(|i| mean.lens + reach(i, lens_sd)) {
-            let seen = field.undistorted(lens);
-            let of_lens = prior.of_lens(lens).max(1e-300).ln();
-            for i in -STEPS..=STEPS {
-                for k in -STEPS..=STEPS {
-                    let node =
-                        Node { bend: mean.bend + reach(i, sd.x), roll: mean.roll + reach(k, sd.y), lens };
-                    told.push((node, of_lens + field.log_ratio(&seen, &node)));
-                }
-            }
+        for l in -STEPS..=STEPS {
+            let lens = reach(0, 0, l).z;
+            let (seen, of_lens) = (field.undistorted(lens), prior.of_lens(lens).max(f64::MIN_POSITIVE).ln());
+            let nodes = (-STEPS..=STEPS).flat_map(|i| (-STEPS..=STEPS).map(move |k| (i, k)));
+            told.extend(
+                nodes
+                    .map(|(i, k)| reach(i, k, l))
+                    .map(|node| (node, of_lens + field.log_ratio(&seen, &node))),
+            );
         }
         let most = told.iter().map(|(_, log)| *log).fold(f64::NEG_INFINITY, f64::max);
         for (_, log) in &mut told {
             *log = (*log - most).exp();
         }
         let total: f64 = told.iter().map(|(_, weight)| weight).sum();
-        let average = |of: &dyn Fn(&Node) -> f64| told.iter().map(|(n, w)| w * of(n)).sum::<f64>() / total;
-        let next =
-            Node { bend: average(&|n| n.bend), roll: average(&|n| n.roll), lens: average(&|n| n.lens) };
-        let (bend, roll) = (|n: &Node| n.bend - next.bend, |n: &Node| n.roll - next.roll);
-        let cross = average(&|n| bend(n) * roll(n));
-        covariance = Matrix2::new(average(&|n| bend(n).powi(2)), cross, cross, average(&|n| roll(n).powi(2)));
-        lens_sd = average(&|n| (n.lens - next.lens).powi(2)).sqrt();
-        mean = next;
+        mean = told.iter().map(|(node, weight)| node * *weight).sum::<Node>() / total;
+        let square = |(node, weight): &(Node, f64)| (node - mean) * (node - mean).transpose() * *weight;
+        covariance = told.iter().map(square).sum::<Matrix3<f64>>() / total;
+        sd = covariance.diagonal().map(f64::sqrt);
     }
     let is_sound = covariance.iter().all(|v| v.is_finite()) && covariance.cholesky().is_some();
-    is_sound.then_some(Moments { mean, covariance })
+    is_sound.then_some((mean, covariance))
 }

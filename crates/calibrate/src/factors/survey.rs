@@ -1,15 +1,15 @@
-//! An estimate of the whole camera from another source, such as a survey.
+//! Measured camera parameters: one, such as a tilt that the user gives, or all four, such as a survey.
 
 use nalgebra::{DMatrix, DVector, Matrix4, Vector4};
 
 use super::Component;
 
-/// An estimate of all four camera parameters from another source.
+/// A measurement of camera parameters: log focal (px), tilt (rad), roll (rad) and log height (m).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Survey {
-    /// Mean of (log focal, tilt, roll, log height).
+    /// Mean of the parameters.
     pub mean: Vector4<f64>,
-    /// Inverse covariance of the estimate. It may be singular.
+    /// Inverse covariance of the measurement. It is singular if some parameters were not measured.
     pub information: Matrix4<f64>,
     /// Whether the height was estimated from cars of the same scene.
     ///
@@ -18,6 +18,13 @@ pub struct Survey {
 }
 
 impl Survey {
+    /// Returns the measurement of one parameter, by its index 0–3, with its sd (above 0).
+    #[must_use]
+    pub fn of_number(which: usize, value: f64, sd: f64) -> Self {
+        let information = Matrix4::from_diagonal(&Vector4::ith(which, sd.powi(-2)));
+        Self { mean: Vector4::ith(which, value), information, by_cars: false }
+    }
+
     pub(super) fn value(&self, camera: &Vector4<f64>) -> DVector<f64> {
         DVector::from_column_slice((self.mean - camera).as_slice())
     }

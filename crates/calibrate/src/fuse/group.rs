@@ -8,9 +8,6 @@ use roadplane_base::{CameraParams, JointInformation, StudentT, weighted_median};
 use super::FuseOptions;
 use crate::{CarIdentity, CarUse, WindowEstimate};
 
-/// Error model of windows; a window with a wrong minimum has little weight.
-const SCATTER: StudentT = StudentT { dimensions: 4.0 };
-
 /// Correlation of the keypoint bias between two views of a moving car, in one window or in two.
 pub(crate) const VIEW_CORRELATION: f64 = 0.25;
 
@@ -60,12 +57,13 @@ pub(super) fn together(group: &[&WindowEstimate], options: &FuseOptions) -> Join
         let away = window.params.to_vector() - centre;
         away.dot(&(window.joint.information * away)).max(0.0)
     };
-    // Squared Mahalanobis distance of each window from the centre, and its Student-t weight.
+    // Squared Mahalanobis distance of each window from the centre, and its Student-t weight: a window with a wrong minimum
+    // counts little.
     let mut distances = Vec::new();
     let mut weights = Vec::new();
     for _ in 0..30 {
         distances = group.iter().map(|window| distance(window, &centre)).collect();
-        weights = distances.iter().map(|d2| SCATTER.weight(*d2)).collect();
+        weights = distances.iter().map(|d2| StudentT { dimensions: 4.0 }.weight(*d2)).collect();
         let mut information = prior_information;
         let mut sum = prior_information * prior;
         for ((window, share), weight) in group.iter().zip(&shares).zip(&weights) {

@@ -2,30 +2,22 @@
 
 use std::f64::consts::TAU;
 
-use nalgebra::Vector2;
+use nalgebra::{Vector2, Vector3};
 use roadplane_base::SceneLine;
+
+use crate::lens::SHARES;
+use crate::remember::CONTRADICTS;
 
 /// Sd of the lean of masts and walls, rad: half a degree. This is an estimate: masts lean by 0.3–1°, walls by less.
 const LEAN_SD: f64 = 0.0087;
 /// Range of directions of stray edges, rad; about the range in which edges are searched.
 const STRAY: f64 = 1.05;
-/// Shares of vertical edges in the mixture, with equal prior weights.
-const SHARES: [f64; 4] = [0.06, 0.2, 0.5, 0.8];
 /// Distance at which two edges belong to one object, 1 sd, as a share of the picture's width; vertically twice that.
 const TOGETHER: f64 = 0.025;
-/// Squared misfit, in sds, beyond which an edge counts as stray.
-const FAR: f64 = 30.0;
 
-/// A node of the search grid.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Node {
-    /// Inverse distance of the vertical vanishing point, tan(tilt) / focal, 1/px.
-    pub bend: f64,
-    /// Roll, rad.
-    pub roll: f64,
-    /// Lens distortion: the share by which the lens draws the half width in (negative) or out.
-    pub lens: f64,
-}
+/// A node of the search grid: the inverse distance of the vertical vanishing point, tan(tilt) / focal (1/px), the roll (rad)
+/// and the lens distortion, the share by which the lens draws the half width in (negative) or out.
+pub(super) type Node = Vector3<f64>;
 
 /// An edge, in pixels relative to the principal point.
 #[derive(Clone, Copy, Debug)]
@@ -95,11 +87,11 @@ impl Field {
     /// Returns the likelihood ratio of an edge between vertical and stray; `None` where the misfit is so large that it
     /// is stray.
     fn odds(&self, i: usize, edge: &Edge, node: &Node) -> Option<f64> {
-        let (sin, cos) = node.roll.sin_cos();
-        let upright = Vector2::new(sin, -cos) + node.bend * edge.at;
+        let (sin, cos) = node.y.sin_cos();
+        let upright = Vector2::new(sin, -cos) + node.x * edge.at;
         // The sine is close to the angle wherever the edge is not stray.
         let square = edge.along.perp(&upright).powi(2) / (upright.norm_squared() * self.sds[i] * self.sds[i]);
-        (square < FAR).then(|| (-0.5 * square).exp() * STRAY / (self.sds[i] * TAU.sqrt()))
+        (square < CONTRADICTS).then(|| (-0.5 * square).exp() * STRAY / (self.sds[i] * TAU.sqrt()))
     }
 
     /// Returns the log likelihood ratio of undistorted edges to stray edges at a node, averaged over the share of
@@ -119,7 +111,7 @@ impl Field {
     /// Returns the probability that each edge is vertical at a node, with the most probable share of vertical edges
     /// there.
     pub(super) fn trust(&self, node: &Node) -> Vec<f64> {
-        let seen = self.undistorted(node.lens);
+        let seen = self.undistorted(node.z);
         let odds: Vec<f64> =
             seen.iter().enumerate().map(|(i, edge)| self.odds(i, edge, node).unwrap_or(0.0)).collect();
         let trusts =

@@ -1,7 +1,7 @@
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{CameraParams, CameraStatus, JointInformation};
 use roadplane_calibrate::{
-    CarIdentity, CarUse, Factor, FuseOptions, Length, Number, Survey, WindowEstimate, fuse, join,
+    CarIdentity, CarUse, Factor, FuseOptions, Joined, Length, Survey, WindowEstimate, fuse, join,
 };
 use roadplane_synth::Rng;
 
@@ -182,7 +182,7 @@ fn a_focal_length_far_from_the_cars_keeps_their_horizon() {
     let covariance = along * along.transpose() + rest;
     cars.joint = JointInformation::of_camera(&covariance.try_inverse().unwrap(), &truth());
     let [by_cars, sd] = horizon(&truth(), &covariance);
-    let factor = Factor::Number(Number { which: 0, value: truth()[0] - 0.4, sd: 0.01 });
+    let factor = Factor::Survey(Survey::of_number(0, truth()[0] - 0.4, 0.01));
     let fused = &fuse(&[cars], &FuseOptions { factors: [(0, [factor].into())].into(), ..options() })[0];
     assert!((fused.params.log_focal - truth()[0] + 0.4).abs() < 0.01);
     let [joined, joined_sd] = horizon(&fused.params.to_vector(), &fused.covariance);
@@ -212,7 +212,7 @@ fn without_evidence_the_prior_stays_and_is_said() {
 
 #[test]
 fn clues_count_once_however_many_windows_there_are() {
-    let factor = Factor::Number(Number { which: 0, value: truth()[0] + 0.1, sd: 0.02 });
+    let factor = Factor::Survey(Survey::of_number(0, truth()[0] + 0.1, 0.02));
     for count in [1, 20] {
         let windows: Vec<WindowEstimate> = (0..count).map(|i| window(i, &truth(), parked(0..9))).collect();
         let options = FuseOptions { factors: [(0, [factor.clone()].into())].into(), ..options() };
@@ -272,14 +272,14 @@ fn a_length_tells_scale_and_how_large_the_cars_are() {
         join(std::slice::from_ref(&seen), &FuseOptions { factors, size_of_cars_sd, ..options() })
     };
     let (without, told) = (with(&[], 0.04), with(&[true_length(0.01)], 0.04));
-    let sd = |estimates: &[roadplane_base::CameraEstimate]| estimates[0].covariance[(3, 3)].sqrt();
-    assert!((sd(&without.estimates) - 0.04).abs() < 1e-3 && without.size_of_cars == 0.0);
+    let sd = |joined: &Joined| joined.estimates[&0].covariance[(3, 3)].sqrt();
+    assert!((sd(&without) - 0.04).abs() < 1e-3 && without.size_of_cars == 0.0);
     // The prior of the cars' log size is N(0, 0.04²); the given length measures it as 0.06 ± 0.01.
     let (share, expected_sd) =
         (0.04_f64.powi(2) / (0.04_f64.powi(2) + 0.01_f64.powi(2)), 0.04 * 0.01 / 0.04_f64.hypot(0.01));
     assert!((told.size_of_cars - 0.06 * share).abs() < 1e-3, "{}", told.size_of_cars);
-    assert!((sd(&told.estimates) - expected_sd).abs() < 5e-4, "{}", sd(&told.estimates));
-    let height = told.estimates[0].params.log_height - truth()[3];
+    assert!((sd(&told) - expected_sd).abs() < 5e-4, "{}", sd(&told));
+    let height = told.estimates[&0].params.log_height - truth()[3];
     assert!((height + 0.06 * (1.0 - share)).abs() < 1e-3, "{height}");
     // If cars had exactly the atlas's sizes, the cars would determine the scale.
     assert!(with(&[true_length(0.01)], 0.0).size_of_cars.abs() < 1e-6);

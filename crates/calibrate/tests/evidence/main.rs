@@ -6,6 +6,7 @@ mod combining;
 mod fusing;
 mod linking;
 mod moving_camera;
+mod places;
 mod records;
 mod remembering;
 mod selecting;

@@ -1,5 +1,7 @@
 //! The camera at every time of a clip.
 
+use std::collections::BTreeMap;
+
 use roadplane_base::{CameraEstimate, CameraEvidence};
 use roadplane_calibrate::SceneView;
 use roadplane_geo::{NotPlaced, Place, Site};
@@ -46,18 +48,16 @@ pub(super) fn position_at(visits: &[Visit], time_s: f64) -> usize {
     begun.or(visits.first()).map_or(0, |visit| visit.position)
 }
 
-/// Returns the estimates in the order of time, one for each visit to a position. `segments` are the positions of the
-/// estimates.
+/// Returns the estimates of the positions in the order of time, one for each visit.
 pub(super) fn by_visits(
-    estimates: Vec<CameraEstimate>,
-    segments: &[usize],
+    estimates: &BTreeMap<usize, CameraEstimate>,
     visits: &[Visit],
 ) -> Vec<CameraEstimate> {
     if visits.is_empty() {
-        return estimates;
+        return estimates.values().cloned().collect();
     }
     let of_visit = |visit: &Visit| {
-        let estimate = &estimates[segments.iter().position(|segment| *segment == visit.position)?];
+        let estimate = estimates.get(&visit.position)?;
         let span_s = [estimate.span_s[0].max(visit.span_s[0]), estimate.span_s[1].min(visit.span_s[1])];
         // Cars may have been found during other visits only.
         let span_s = if span_s[0] > span_s[1] { visit.span_s } else { span_s };
@@ -140,7 +140,7 @@ mod tests {
         let visit = |position: usize, span_s: [f64; 2]| Visit { position, span_s };
         let visits = [visit(0, [0.0, 4.0]), visit(1, [4.0, 8.0]), visit(0, [8.0, 12.0])];
         let spans = |span_s: [f64; 2], segment: usize| -> Vec<[f64; 2]> {
-            by_visits(vec![options.unobservable(span_s)], &[segment], &visits)
+            by_visits(&[(segment, options.unobservable(span_s))].into(), &visits)
                 .iter()
                 .map(|estimate| estimate.span_s)
                 .collect()
@@ -148,6 +148,6 @@ mod tests {
         assert_eq!(spans([1.0, 11.0], 0), [[1.0, 4.0], [8.0, 11.0]]);
         assert_eq!(spans([9.0, 11.0], 0), [[0.0, 4.0], [9.0, 11.0]], "no cars in the first visit");
         assert_eq!(spans([5.0, 7.0], 1), [[5.0, 7.0]], "position 0 has no estimate");
-        assert_eq!(by_visits(vec![options.unobservable([0.0; 2])], &[0], &[]).len(), 1);
+        assert_eq!(by_visits(&[(0, options.unobservable([0.0; 2]))].into(), &[]).len(), 1);
     }
 }

@@ -4,16 +4,16 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use roadplane_base::{
-    CameraEstimate, FrameRecord, ImageSize, Lens, ParkedCar, Registration, ShapeAtlas, bbox_foot,
+    CameraEstimate, FrameRecord, ImageSize, Lens, ParkedCar, Registration, SceneLine, ShapeAtlas, bbox_foot,
 };
 use roadplane_calibrate::{
-    CarIdentity, Cues, EvidenceBuilder, Fold, FuseOptions, GroundEvidence, Joined, SceneLines, Turns, Window,
-    WindowEstimate, epochs, fuse, join,
+    CarIdentity, EvidenceBuilder, Fold, FuseOptions, GroundEvidence, Joined, Turns, Window, WindowEstimate,
+    cues, epochs, fuse, join,
 };
 use roadplane_measure::usable;
 use roadplane_write::FrameReader;
 
-use crate::cameras::camera_track::{CameraTrack, Visit, by_visits, position_at, positions};
+use crate::cameras::camera_track::{CameraTrack, Visit, by_visits, positions};
 use crate::cameras::empty_scene_view::EmptySceneView;
 use crate::cameras::joining::{factors_by_position, fuse_options};
 use crate::cameras::known::CameraConstraints;
@@ -133,7 +133,7 @@ impl CameraInputs<'_> {
         let mut size = None;
         let mut span_s = [f64::INFINITY, f64::NEG_INFINITY];
         let mut frame_count = 0;
-        let mut scene_lines = SceneLines::default();
+        let mut scene_lines = BTreeMap::new();
         let mut take = |window: Option<Window>, size: ImageSize, known: &CameraConstraints| {
             let Some(window) = window else { return };
             match visits.last_mut() {
@@ -156,13 +156,15 @@ impl CameraInputs<'_> {
             let image_size = *size.get_or_insert(frame.image_size_px);
             span_s = [span_s[0].min(frame.time_s), span_s[1].max(frame.time_s)];
             frame_count += 1;
-            scene_lines.take(&mut frame);
             for car in &mut frame.cars {
                 if let Some(set) = &mut car.keypoints {
                     **set = usable(set, self.config.solve.min_keypoint_score);
                 }
             }
             take(builder.push(&frame), image_size, &known);
+            if let Some(lines) = frame.scene_lines {
+                scene_lines.insert(builder.position(), lines);
+            }
         }
         if let Some(size) = size {
             take(builder.finish(), size, &known);
@@ -197,22 +199,18 @@ impl CameraInputs<'_> {
         if windows.is_empty() && !(known.is_silent() && turns.is_empty()) {
             windows.push(WindowEstimate::without_cars(&options, span_s, 0));
         }
-        let position_at = |time_s: f64| position_at(&visits, time_s);
-        let lines = match config.solve.use_verticals {
-            true => clip.scene_lines.by_position(position_at),
-            false => BTreeMap::new(),
-        };
-        let cues = Cues { lines, turns }.evaluate(&windows, &options);
+        let lines = if config.solve.use_verticals { clip.scene_lines } else { BTreeMap::new() };
+        let cues = cues(lines, &turns, &windows, &options);
         for view in &cues {
             view.add_factors(&mut options.factors);
         }
         options.is_folded = fold.is_some();
         let joined = join(&windows, &options);
-        let Joined { estimates, segments, size_of_cars } = match fold {
+        let Joined { estimates, size_of_cars } = match fold {
             Some(fold) => with_second_plane(fold, joined)?,
             None => joined,
         };
-        let mut estimates = by_visits(estimates, &segments, &visits);
+        let mut estimates = by_visits(&estimates, &visits);
         if estimates.is_empty() {
             estimates.push(options.unobservable(span_s));
             tracing::warn!("the camera cannot be estimated from the cars of {} frames", clip.frame_count);
@@ -222,7 +220,7 @@ impl CameraInputs<'_> {
             for view in &cues {
                 view.add_factors(&mut factors);
             }
-            fuse(&windows, &FuseOptions { factors, ..options.clone() }).into_iter().next()
+            join(&windows, &FuseOptions { factors, ..options.clone() }).estimates
         });
         Some(CameraTrack { estimates, visits, evidence, size_of_cars, constraints, scene: cues, empty_scene })
     }
@@ -242,7 +240,8 @@ struct ClipWindows {
     /// Time of the first and the last frame, s.
     span_s: [f64; 2],
     frame_count: usize,
-    scene_lines: SceneLines,
+    /// The last lines of each camera position.
+    scene_lines: BTreeMap<usize, Vec<SceneLine>>,
     /// User constraints for pictures of this size and lens.
     known: CameraConstraints,
 }

@@ -5,7 +5,7 @@ use roadplane_base::{
     CameraEstimate, CameraParams, CameraStatus, FrameRecord, ImageSize, KEYPOINTS, KeypointSet, SceneCurve,
     ShapeAtlas,
 };
-use roadplane_calibrate::{WindowEstimate, fuse};
+use roadplane_calibrate::{FuseOptions, WindowEstimate, fuse};
 use roadplane_measure::usable;
 use roadplane_solve::{
     CarView, FreeCarFit, PlaneTerms, SceneOptions, SceneStatus, solve_free_scene, solve_scene,
@@ -35,20 +35,15 @@ pub fn estimate_frame(
         .collect();
     let solution = solve_scene(atlas, size, &CarView::each(&sets), &options);
     let cars_used = solution.cars.iter().flatten().filter(|car| car.used).count();
-    if !known.is_silent() {
-        let fuse_options = lens.count(&[], fuse_options(size, 1, &known, config));
-        let silent = WindowEstimate::without_cars(&fuse_options, [frame.time_s; 2], 0);
-        let window = if solution.status.usable() {
-            let (params, joint) = solution.by_cars();
-            WindowEstimate { params, joint, ..silent }
-        } else {
-            silent
-        };
-        if let Some(estimate) = fuse(&[window], &fuse_options).pop() {
-            return CameraEstimate { cars_used, frames_used: usize::from(cars_used > 0), ..estimate };
-        }
+    let options = fuse_options(size, 1, &known, config);
+    let mut window = WindowEstimate::without_cars(&options, [frame.time_s; 2], 0);
+    if solution.status.usable() {
+        (window.params, window.joint) = solution.by_cars();
     }
-    of_solution(frame, &lens, solution.status, (solution.params, solution.covariance), cars_used)
+    let windows = [window];
+    let options = lens.count(&windows, options);
+    let estimate = fuse(&windows, &options).pop().unwrap_or_else(|| options.unobservable([frame.time_s; 2]));
+    CameraEstimate { cars_used, frames_used: usize::from(cars_used > 0), ..estimate }
 }
 
 /// Sds of cars' distance (m) and angle (dimensionless) from a common plane in the paper's method: kerbs, springs,
@@ -110,17 +105,14 @@ fn of_solution(
         SceneStatus::FocalFromPrior => CameraStatus::FocalFromPrior,
         SceneStatus::TooFewCars | SceneStatus::Failed => CameraStatus::Unobservable,
     };
+    let options =
+        FuseOptions { lens: lens.lens, bend_sd: lens.bend_sd, ..FuseOptions::for_image(frame.image_size_px) };
     CameraEstimate {
-        span_s: [frame.time_s; 2],
-        image_size_px: frame.image_size_px,
-        principal_point_px: frame.image_size_px.centre_px(),
-        lens: lens.lens,
-        distortion_sd: lens.bend_sd,
         params,
         covariance,
         status,
         cars_used,
         frames_used: usize::from(cars_used > 0),
-        second_plane: None,
+        ..options.unobservable([frame.time_s; 2])
     }
 }

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use roadplane_base::ImageSize;
-use roadplane_calibrate::{Factor, FuseOptions, FusePrior};
+use roadplane_calibrate::{Factor, FuseOptions, FusePrior, LEAST_SD};
 use roadplane_solve::SceneOptions;
 
 use crate::Config;
@@ -14,8 +14,6 @@ use crate::cameras::known::CameraConstraints;
 /// Cars in the USA are about 6 % longer than those in Europe, cars in Japan about as much shorter (estimates). Every
 /// car of a clip shares this error, and heights and distances scale with it.
 pub(crate) const POPULATION_LOG_SD: f64 = 0.04;
-/// Sd of log focal length for a focal length that the user gave without an sd.
-const GIVEN_LOG_FOCAL_SD: f64 = 1e-6;
 
 /// Returns the options for joining windows and clips, for a camera with this number of positions.
 pub(crate) fn fuse_options(
@@ -52,7 +50,7 @@ fn fuse_prior(options: &SceneOptions, size: ImageSize) -> FusePrior {
     let mut sd = prior.sd();
     if let Some(focal_px) = options.given_focal_px {
         params.log_focal = focal_px.ln();
-        sd[0] = GIVEN_LOG_FOCAL_SD;
+        sd[0] = LEAST_SD;
     }
     FusePrior { params, sd }
 }

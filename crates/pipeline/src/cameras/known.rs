@@ -9,8 +9,8 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use nalgebra::Vector2;
-use roadplane_base::{ImageSize, Lens, PictureMotion};
-use roadplane_calibrate::{Factor, Length, Number, Survey};
+use roadplane_base::{Camera, ImageSize, Lens, PictureMotion};
+use roadplane_calibrate::{Factor, Length, Survey};
 use roadplane_write::{LengthConstraint, WriteError, read_constraints};
 
 pub(crate) use check::{contradiction, in_words as constraint_in_words};
@@ -21,8 +21,6 @@ use crate::PipelineError;
 use camera_file::{CameraOfFile, KnownLens};
 use measured::{GUESSED_HEIGHT_SHARE, GUESSED_TILT_SD_DEG};
 
-/// Distance of a principal point from the picture's centre above which a warning is logged, as a share of the width.
-const OFF_CENTRE: f64 = 0.02;
 /// Largest difference in the log ratio of sides between pictures of the same camera in two sizes.
 const SAME_RATIO: f64 = 0.01;
 
@@ -63,8 +61,15 @@ pub struct ConstraintOptions<'a> {
 /// One constraint.
 #[derive(Clone, Debug, PartialEq)]
 enum Fact {
-    /// One of the camera's four numbers.
-    Number(Number),
+    /// One camera parameter.
+    Number {
+        /// Its index: log focal length, tilt, roll, log height.
+        which: usize,
+        /// Its value, log px, rad or log m.
+        value: f64,
+        /// Sd of the value.
+        sd: f64,
+    },
     /// A camera from a file.
     Camera {
         /// Name of the file.
@@ -109,7 +114,7 @@ impl CameraConstraints {
                     ));
                 }
                 None => known.focal = Some((focal.value, None)),
-                Some(sd) => known.facts.push(Fact::Number(Number { which: 0, value, sd: sd / focal.value })),
+                Some(sd) => known.facts.push(Fact::Number { which: 0, value, sd: sd / focal.value }),
             }
         }
         if let Some(k1_k2) = options.lens {
@@ -130,12 +135,12 @@ impl CameraConstraints {
                 return Err(PipelineError::usage(&format!("{name} must lie between -90 and 90")));
             }
             let sd = angle.sd.unwrap_or(GUESSED_TILT_SD_DEG).to_radians();
-            known.facts.push(Fact::Number(Number { which, value: angle.value.to_radians(), sd }));
+            known.facts.push(Fact::Number { which, value: angle.value.to_radians(), sd });
         }
         if let Some(height) = options.height_m {
             let value = positive("--height-m", height)?.ln();
             let sd = height.sd.map_or(GUESSED_HEIGHT_SHARE, |sd| sd / height.value);
-            known.facts.push(Fact::Number(Number { which: 3, value, sd }));
+            known.facts.push(Fact::Number { which: 3, value, sd });
         }
         if let Some(path) = options.lengths {
             let file = name_of(path);
@@ -151,7 +156,7 @@ impl CameraConstraints {
             camera_file::read(path).map_err(usage)?;
         let middle = size.map(|size| size.centre_px());
         if let (Some(middle), Some(point)) = (middle, principal_point_px)
-            && (middle - Vector2::from(point)).norm() > OFF_CENTRE * (2.0 * middle.x)
+            && (middle - Vector2::from(point)).norm() > Camera::PRINCIPAL_POINT_SD * (2.0 * middle.x)
         {
             tracing::warn!(
                 "{}: its principal point is not the middle of the picture; the middle is used",
@@ -176,7 +181,7 @@ impl CameraConstraints {
     /// Returns the focal length, px, exact or with an sd, if given.
     fn about_focal_px(&self) -> Option<f64> {
         let number = |fact: &Fact| match fact {
-            Fact::Number(Number { which: 0, value, .. }) => Some(value.exp()),
+            Fact::Number { which: 0, value, .. } => Some(value.exp()),
             _ => None,
         };
         self.focal_px().or_else(|| self.facts.iter().find_map(number))
@@ -247,7 +252,7 @@ impl CameraConstraints {
                         return Err(PipelineError::usage(&what));
                     }
                 }
-                Fact::Camera { .. } | Fact::Number(_) => {}
+                Fact::Camera { .. } | Fact::Number { .. } => {}
             }
         }
         Ok(known)
@@ -292,7 +297,7 @@ impl CameraConstraints {
 impl Fact {
     /// Returns whether the constraint also holds after a camera move.
     fn holds_everywhere(&self) -> bool {
-        matches!(self, Self::Number(Number { which: 0 | 3, .. }))
+        matches!(self, Self::Number { which: 0 | 3, .. })
     }
 
     /// Returns the index of the frame that the constraint names.
@@ -303,7 +308,7 @@ impl Fact {
     /// Returns the constraint as a factor, for pictures of this size. `known` has the lens and the positions of frames.
     fn factor(&self, size: ImageSize, known: &CameraConstraints) -> Factor {
         match self {
-            Self::Number(number) => Factor::Number(*number),
+            Self::Number { which, value, sd } => Factor::Survey(Survey::of_number(*which, *value, *sd)),
             Self::Camera { survey, .. } => Factor::Survey(*survey),
             Self::Length { length, .. } => Factor::Length(known.on_ground(length, size)),
         }

@@ -2,13 +2,10 @@
 //! camera; otherwise without distortion.
 
 use roadplane_base::{Camera, CameraEstimate, ImageSize, Lens, SceneCurve};
-use roadplane_calibrate::{FuseOptions, LensView, LogFocal, TurnedLens, WindowEstimate, fuse};
+use roadplane_calibrate::{FuseOptions, LensView, LogFocal, STRAIGHT_SD, TurnedLens, WindowEstimate, fuse};
 
 use crate::cameras::memory::CameraHistory;
 use crate::{CameraConstraints, Config};
-
-/// Sd of the distortion of a lens that the user gave (dimensionless).
-const TOLD_BEND_SD: f64 = 0.005;
 
 /// The lens that a clip is solved with, and its uncertainty.
 #[derive(Clone, Debug)]
@@ -39,8 +36,8 @@ impl LensOfClip {
         let straight =
             Self { lens: Lens::STRAIGHT, bend_sd: None, is_of_edges: false, turned: [0.0; 2], views: None };
         if let Some(lens) = known.lens(size) {
-            let turned = [lens.distortion(size), TOLD_BEND_SD];
-            return Self { lens, bend_sd: Some(TOLD_BEND_SD), turned, ..straight };
+            let turned = [lens.distortion(size), STRAIGHT_SD];
+            return Self { lens, bend_sd: Some(STRAIGHT_SD), turned, ..straight };
         }
         if !config.solve.use_lens {
             return straight;

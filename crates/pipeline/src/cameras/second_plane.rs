@@ -9,12 +9,11 @@ use roadplane_calibrate::{Fold, Joined};
 /// divide the picture like the fold.
 pub(super) fn with_second_plane(fold: &Fold, mut joined: Joined) -> Option<Joined> {
     let is_determined = |estimate: &CameraEstimate| estimate.status != CameraStatus::Unobservable;
-    if joined.segments[..] != [0, 1] || !joined.estimates.iter().all(is_determined) {
+    if !joined.estimates.keys().eq(&[0, 1]) || !joined.estimates.values().all(is_determined) {
         return None;
     }
-    joined.segments.pop();
-    let CameraEstimate { params, covariance, .. } = joined.estimates.pop()?;
-    let first = joined.estimates.first_mut()?;
+    let CameraEstimate { params, covariance, .. } = joined.estimates.remove(&1)?;
+    let first = joined.estimates.get_mut(&0)?;
     let rays = fold.middles_px.map(|middle| middle.push(first.params.focal_px()));
     let rises = params.plane().inverse_distance(&rays[1]) > first.params.plane().inverse_distance(&rays[1]);
     first.second_plane = Some(SecondPlane { params, covariance, rises });

@@ -104,7 +104,8 @@ impl<'a> Solving<'a> {
             .iter()
             .map(|view| CarUse { car: CarIdentity::Clip(view.link), parked: view.parked })
             .collect();
-        cars.sort_by_key(|used| used.car);
+        // A car with stationary and moving views counts as parked, which claims less.
+        cars.sort_by_key(|used| (used.car, !used.parked));
         cars.dedup_by_key(|used| used.car);
         let (params, joint) = solution.by_cars();
         self.starts.insert(window.segment, params);

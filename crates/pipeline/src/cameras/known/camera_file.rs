@@ -4,6 +4,7 @@ use std::path::Path;
 
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{CameraParams, CameraStatus, ImageSize};
+use roadplane_calibrate::LEAST_SD;
 use roadplane_write::{WriteError, read_camera};
 use yaml_rust2::{Yaml, YamlLoader};
 
@@ -13,8 +14,6 @@ use crate::cameras::krtd::read_krtd;
 
 /// Variance of a number without an sd in the file (log² or rad²).
 const UNKNOWN_VARIANCE: f64 = 1e4;
-/// Least sd of a camera parameter (of its logarithm, or in rad).
-const LEAST_SD: f64 = 1e-6;
 
 /// The lens distortion as the user gave it.
 #[derive(Clone, Copy, Debug, PartialEq)]

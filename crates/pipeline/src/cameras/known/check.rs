@@ -1,31 +1,36 @@
 //! Compares each user constraint with all other evidence.
 
+use std::collections::BTreeMap;
+
 use nalgebra::Vector4;
 use roadplane_base::{CameraEstimate, ImageSize};
-use roadplane_calibrate::{Number, Survey};
+use roadplane_calibrate::{Survey, by_camera};
 use roadplane_write::ConstraintSummary;
 
 use super::{CameraConstraints, Fact};
+use crate::cameras::joining::POPULATION_LOG_SD;
 
 /// Distance from which a constraint contradicts the other evidence, sds.
 const CONTRADICTS: f64 = 3.0;
-/// Step of the numerical derivatives, log or rad.
-const STEP: f64 = 1e-5;
 /// Names and units of (log focal length, tilt, roll, log height) in reports.
 const NUMBERS: [(&str, &str); 4] = [("focal length", "px"), ("tilt", "°"), ("roll", "°"), ("height", "m")];
 
 impl CameraConstraints {
-    /// Compares each fact with the camera that `without(i)` finds when fact `i` is left out.
+    /// Compares each constraint with the camera that all other evidence gives. `by` returns the estimates at the camera's
+    /// positions from these constraints and the rest of the evidence.
+    ///
+    /// A constraint is compared at a position for which it holds. There may be none with an estimate.
     pub(crate) fn checked(
         &self,
         size: ImageSize,
-        without: impl Fn(&CameraConstraints) -> Option<CameraEstimate>,
+        by: impl Fn(&CameraConstraints) -> BTreeMap<usize, CameraEstimate>,
     ) -> Vec<ConstraintSummary> {
         let mut checked = Vec::new();
         for (i, fact) in self.facts.iter().enumerate() {
             let mut others = self.clone();
             others.facts.remove(i);
-            if let Some(camera) = without(&others) {
+            let holds_at = |position: &usize| *position == 0 || fact.holds_everywhere();
+            if let Some((_, camera)) = by(&others).into_iter().find(|(position, _)| holds_at(position)) {
                 checked.extend(fact.against(&camera, size, &others.seen_through(camera.lens)));
             }
         }
@@ -76,27 +81,24 @@ impl Fact {
             )
         };
         match self {
-            Self::Number(Number { which, value, sd }) => vec![number(*which, *value, *sd, "")],
-            Self::Camera { file, survey: Survey { mean, information, .. }, .. } => {
+            Self::Number { which, value, sd } => vec![number(*which, *value, *sd, "")],
+            Self::Camera { file, survey: Survey { mean, information, by_cars }, .. } => {
                 let variance = information.try_inverse().map(|covariance| covariance.diagonal());
                 let told = (0..4).filter_map(|which| {
                     // The file may have no information on a number.
-                    let variance = variance.map_or(1.0 / information[(which, which)], |v| v[which]);
-                    variance
-                        .is_finite()
-                        .then(|| number(which, mean[which], variance.sqrt(), &format!(" of {file}")))
+                    let sd = variance.map_or(1.0 / information[(which, which)], |v| v[which]).sqrt();
+                    // A height by cars is as uncertain as their size.
+                    let sd = if which == 3 && *by_cars { sd.hypot(POPULATION_LOG_SD) } else { sd };
+                    sd.is_finite().then(|| number(which, mean[which], sd, &format!(" of {file}")))
                 });
                 told.collect()
             }
             Self::Length { file, length } => {
                 let known = others.on_ground(length, size);
-                let Some((metres, log_sd)) = known.measured(&mean) else { return Vec::new() };
-                let by = Vector4::from_fn(|i, _| {
-                    let moved = |step: f64| {
-                        known.measured(&(mean + Vector4::ith(i, step))).map(|(metres, _)| metres.ln())
-                    };
-                    moved(STEP).zip(moved(-STEP)).map_or(0.0, |(plus, minus)| (plus - minus) / (2.0 * STEP))
-                });
+                let log_metres = |camera: &Vector4<f64>| Some(known.measured(camera)?.0.ln());
+                let found = known.measured(&mean).zip(by_camera(log_metres, &mean));
+                let Some(((metres, log_sd), by)) = found else { return Vec::new() };
+                let by = Vector4::from(by);
                 let else_sd = by.dot(&(covariance * by)).max(0.0).sqrt();
                 let name = length.name.as_deref().unwrap_or_default();
                 vec![summary(

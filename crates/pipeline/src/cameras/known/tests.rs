@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{CameraEstimate, CameraParams, CameraStatus, GroundPlane, Homography, Lens};
+use roadplane_calibrate::FuseOptions;
 use roadplane_write::write_camera;
 
 use super::*;
@@ -57,8 +58,10 @@ fn numbers_become_clues_in_logs_and_radians() {
         (2, -1_f64.to_radians(), 0.5_f64.to_radians()),
         (3, 7.5_f64.ln(), 0.05),
     ];
-    let expected: Vec<Factor> =
-        expected.into_iter().map(|(which, value, sd)| Factor::Number(Number { which, value, sd })).collect();
+    let expected: Vec<Factor> = expected
+        .into_iter()
+        .map(|(which, value, sd)| Factor::Survey(Survey::of_number(which, value, sd)))
+        .collect();
     assert_eq!(factors(&options), expected);
     let known = CameraConstraints::new(&options).unwrap();
     assert_eq!(known.focal_px(), None);
@@ -245,10 +248,47 @@ fn contradictions_are_told_by_what_everything_else_says() {
     };
     let checked = known.checked(SIZE, |others| {
         assert_eq!(others.facts.len(), 1);
-        Some(all_else.clone())
+        [(0, all_else.clone())].into()
     });
     let told: Vec<Option<String>> = checked.iter().map(contradiction).collect();
     let text = "the focal length is 1000 ± 20 px by everything else, but 1500 ± 30 px was given: 14 sd apart";
     assert_eq!(told, [Some(text.to_owned()), None]);
     assert!(checked[1].apart_sds < 1.0, "{checked:?}");
+}
+
+#[test]
+fn a_constraint_is_compared_at_a_position_for_which_it_holds() {
+    let options = ConstraintOptions {
+        tilt_deg: measured("20"),
+        height_m: measured("8±0.1"),
+        ..ConstraintOptions::default()
+    };
+    let known = CameraConstraints::new(&options).unwrap();
+    let estimate = FuseOptions::for_image(SIZE).unobservable([0.0, 1.0]);
+    let names = |position: usize| -> Vec<String> {
+        let checked = known.checked(SIZE, |_| [(position, estimate.clone())].into());
+        checked.into_iter().map(|known| known.what).collect()
+    };
+    assert_eq!(names(0), ["tilt", "height"]);
+    assert_eq!(names(1), ["height"], "the tilt holds for the first position only");
+}
+
+#[test]
+fn a_height_by_cars_is_as_uncertain_as_their_size() {
+    let estimate = FuseOptions::for_image(SIZE).unobservable([0.0, 1.0]);
+    let given_sd = |by_cars: bool| {
+        let variance = Vector4::repeat(1e-4);
+        let survey = Survey {
+            mean: estimate.params.to_vector(),
+            information: Matrix4::from_diagonal(&variance.map(f64::recip)),
+            by_cars,
+        };
+        let fact = Fact::Camera { file: "camera.json".to_owned(), size: None, survey };
+        let known = CameraConstraints { facts: vec![fact], ..CameraConstraints::default() };
+        let checked = known.checked(SIZE, |_| [(0, estimate.clone())].into());
+        let height = checked.iter().find(|known| known.what.starts_with("height")).unwrap();
+        height.given_sd / height.given
+    };
+    assert!((given_sd(false) - 0.01).abs() < 1e-4);
+    assert!((given_sd(true) - 0.01_f64.hypot(0.04)).abs() < 1e-4);
 }
