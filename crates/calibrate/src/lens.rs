@@ -149,13 +149,9 @@ impl LensView {
     ///
     /// `straight_share` is the prior share of pictures without distortion.
     fn prior(&self, [log_focal, sd]: LogFocal, straight_share: f64) -> Vec<f64> {
-        /// Steps over log focal length to either side of its mean.
-        const STEPS: i32 = 10;
         let mut prior = vec![0.0; self.bends.len()];
-        for step in -STEPS..=STEPS {
-            let z = 2.5 * f64::from(step) / f64::from(STEPS);
+        for (z, weight) in normal_points() {
             let [mean, sd] = bend_of_lenses((log_focal + z * sd).exp(), self.size);
-            let weight = (-0.5 * z * z).exp();
             for (density, bend) in prior.iter_mut().zip(self.bends.iter().copied()) {
                 let bent = normal((bend - mean) / sd) / sd;
                 let straight = normal(bend / STRAIGHT_SD) / STRAIGHT_SD;
@@ -238,6 +234,11 @@ fn off_line(curve: &SceneCurve, lens: Lens, size: ImageSize) -> f64 {
 /// Returns a Gaussian density at `z` sds, without its normalisation.
 fn normal(z: f64) -> f64 {
     (-0.5 * z * z).exp()
+}
+
+/// Returns points of a normal variable over ± 2.5 sds, each with its density, without its normalisation.
+pub(crate) fn normal_points() -> impl Iterator<Item = (f64, f64)> {
+    (-10..=10).map(|i| 0.25 * f64::from(i)).map(|z| (z, normal(z)))
 }
 
 /// Returns the log of the sum of exponentials.

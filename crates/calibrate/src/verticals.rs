@@ -23,7 +23,7 @@ use roadplane_base::{Camera, CameraEstimate, SceneLine};
 
 use self::field::{Field, Node};
 use crate::factors::{VerticalVanishingPoint, WEAKEST};
-use crate::lens::{LEAST_GAIN, MOST_EDGES, STRAIGHT_SD, bend_of_lenses, greatest_bend};
+use crate::lens::{LEAST_GAIN, MOST_EDGES, STRAIGHT_SD, bend_of_lenses, greatest_bend, normal_points};
 
 /// The vertical of a scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -120,16 +120,15 @@ impl Prior {
     ///
     /// It averages over the focal length along the horizon, and over slopes of the road.
     fn of_bend(&self, bend: f64) -> f64 {
-        let steps = (-10..=10).map(|i| 0.25 * f64::from(i));
-        let density = |z: f64| {
+        let density = |(z, weight): (f64, f64)| {
             let focal_px = self.focal_px * (z * self.log_focal_sd).exp();
             let tilt = (self.horizon[0] / focal_px).atan();
             let horizon_sd = 2.0 * self.horizon[1] / focal_px * tilt.cos().powi(2);
             let seen = bend * focal_px;
             let per_bend = focal_px / (1.0 + seen * seen);
-            (-0.5 * z * z).exp() * sloped(seen.atan() - tilt, horizon_sd) * per_bend
+            weight * sloped(seen.atan() - tilt, horizon_sd) * per_bend
         };
-        steps.map(density).sum()
+        normal_points().map(density).sum()
     }
 
     /// Returns the density of a roll (rad), up to a constant.
