@@ -87,7 +87,8 @@ impl<I> OneCamera<I> {
         }
     }
 
-    /// Returns the position of an inference frame. A picture without structure keeps the last one.
+    /// Returns the position of an inference frame; `None` if it is not known. A picture without structure keeps the last
+    /// one.
     fn position(&mut self, frame: &FrameRecord) -> Option<Position> {
         let watch = frame.watch.as_ref()?;
         let time_s = frame.time_s;
@@ -102,15 +103,16 @@ impl<I> OneCamera<I> {
         if !self.places.is_measured() {
             return Some(Position { time_s, place: 0, picture_from_world: shifted(watch.offset()) });
         }
-        let is_elsewhere = !watch.motion.is_empty()
+        // A short view between two others may be a lorry in front of the camera: the last position holds. A short view at
+        // the beginning is another place.
+        let is_elsewhere = self.last.is_none() && !watch.motion.is_empty()
             || matches!(watch.verdict, PictureVerdict::Unsettled | PictureVerdict::Moving);
         self.lost = if watch.motion.iter().any(|found| self.places.is_travelling(found.reference)) {
             Some(NotFollowedReason::Travelling)
         } else {
             is_elsewhere.then_some(NotFollowedReason::NotRegistered)
         };
-        let first = Position { time_s, place: 0, picture_from_world: PictureMotion::IDENTITY };
-        Some(Position { time_s, ..self.last.unwrap_or(first) })
+        self.last.map(|last| Position { time_s, ..last })
     }
 
     /// Converts a frame and adds it to those that are ready.
