@@ -8,7 +8,7 @@
 use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{CameraEvidence, ParkedCar, bbox_iou, bbox_longer_side};
 
-use crate::select::MIN_KEYPOINTS;
+use crate::select::{MIN_KEYPOINTS, SAME_BAY};
 use crate::{CarIdentity, CarUse, FuseOptions, LinkId, WindowEstimate, fuse};
 
 /// Result of comparing two pictures of the empty scene.
@@ -38,8 +38,6 @@ pub struct Epoch<'a> {
 pub(crate) const CONTRADICTS: f64 = 30.0;
 /// Largest number of an epoch's pictures that are compared, latest first. A site looks different by night and by day.
 const PICTURES: usize = 12;
-/// Least overlap (intersection over union) of two boxes of the same vehicle; it may have left its bay and returned.
-pub(crate) const SAME_BAY: f64 = 0.6;
 /// Largest rms distance between two keypoint sets of the same vehicle, as a share of the box's longer side.
 ///
 /// The sets are first shifted and scaled onto each other. Nets err by about half of this; other car models differ by

@@ -7,7 +7,6 @@ use roadplane_base::{CarRecord, FrameRecord, KeypointSet, VehicleClass, bbox_cut
 use crate::{
     LinkId,
     fuse::VIEW_CORRELATION,
-    remember::SAME_BAY,
     stretch::{Look, Stretch},
 };
 
@@ -29,6 +28,8 @@ pub struct View {
     pub parked: bool,
 }
 
+/// Least overlap (intersection over union) of two boxes of the same vehicle; it may have left its bay and returned.
+pub(crate) const SAME_BAY: f64 = 0.6;
 /// Largest number of views in a window.
 const MAX_VIEWS: usize = 400;
 /// Beyond this number of views, only views of certain cars are taken: those found in many frames.

@@ -82,8 +82,8 @@ pub(crate) fn complete(
         leave_out(&mut free, &tracklets);
         tracklets = add_boxes(tracklets, &free, frames, scene);
     }
-    let judged = completion.judged(completion.linked(tracklets));
-    let kept = completion.kept(judged);
+    let linked = completion.linked(tracklets);
+    let kept = completion.vehicles(linked);
     let is_part = parts(&kept.iter().map(|one| &one.raw).collect::<Vec<&RawTrack>>(), frames);
     let kept = kept.into_iter().zip(is_part).filter_map(|(one, is_part)| (!is_part).then_some(one));
     let mut tracks: Vec<Track> = kept.map(|one| completion.finished(one)).collect();
@@ -99,16 +99,14 @@ pub(crate) fn complete(
     Tracks { tracks, left_out: completion.left_out }
 }
 
-/// A smoothed track, with the decision whether it is a vehicle.
-struct Judged {
+/// A smoothed track that is probably a vehicle.
+struct Vehicle {
     /// Track before smoothing.
     raw: RawTrack,
     /// Smoothed states, one for each frame.
     states: Vec<TrackState>,
     /// All that shows whether it is a vehicle.
     evidence: Evidence,
-    /// Whether it is probably a vehicle.
-    is_vehicle: bool,
 }
 
 /// The steps that turn tracklets into tracks.
@@ -167,8 +165,9 @@ impl<S: Scene> Completion<'_, S> {
         Evidence::of(&raw.observations, at, class, dims_m.z - self.scene.mean_car().z)
     }
 
-    /// Smooths tracks, and judges which ones are vehicles. Tracks without enough detections are dropped.
-    fn judged(&self, mut tracks: Vec<RawTrack>) -> Vec<Judged> {
+    /// Smooths tracks, and returns those that are probably vehicles. The others are listed as left out. Tracks without
+    /// enough detections are dropped.
+    fn vehicles(&mut self, mut tracks: Vec<RawTrack>) -> Vec<Vehicle> {
         tracks.retain(|raw| {
             let is_certain = !raw.is_boxed || raw.certain >= FEWEST;
             raw.observations.len() >= self.least && is_certain
@@ -182,24 +181,21 @@ impl<S: Scene> Completion<'_, S> {
             };
             tracks.into_iter().map(with_states).collect()
         };
-        let judge = |(raw, states): (RawTrack, Vec<TrackState>)| {
-            let first = raw.observations.first()?.frame;
+        let mut vehicles = Vec::new();
+        for (raw, states) in smoothed {
+            let Some(first) = states.first().map(|state| state.stamp) else { continue };
             let at = |seen: &Sighting| {
-                states.get(seen.frame - first).map(|state| Vector2::new(state.pose.x_m, state.pose.y_m))
+                let state = states.get(seen.frame - raw.observations.first()?.frame)?;
+                Some(Vector2::new(state.pose.x_m, state.pose.y_m))
             };
-            let evidence = self.evidence(&raw, at)?;
-            let is_vehicle =
-                !self.options.steps.existence || evidence.probability() >= self.options.min_exists_p;
-            Some(Judged { raw, states, evidence, is_vehicle })
-        };
-        smoothed.into_iter().filter_map(judge).collect()
-    }
-
-    /// Returns the tracks that are vehicles. The others are listed as left out.
-    fn kept(&mut self, judged: Vec<Judged>) -> Vec<Judged> {
-        let (kept, others): (Vec<_>, Vec<_>) = judged.into_iter().partition(|one| one.is_vehicle);
-        self.left_out.extend(others.iter().filter_map(|one| Some(one.states.first()?.stamp)));
-        kept
+            let Some(evidence) = self.evidence(&raw, at) else { continue };
+            if !self.options.steps.existence || evidence.probability() >= self.options.min_exists_p {
+                vehicles.push(Vehicle { raw, states, evidence });
+            } else {
+                self.left_out.push(first);
+            }
+        }
+        vehicles
     }
 
     /// Returns the joins of a track over gaps. Tracklets that overlap, or that other detections connect, leave no gap.
@@ -215,8 +211,7 @@ impl<S: Scene> Completion<'_, S> {
     }
 
     /// Returns the finished track. Where only boxes show the vehicle, they give its path and its size together.
-    fn finished(&self, judged: Judged) -> Track {
-        let Judged { raw, states, evidence, .. } = judged;
+    fn finished(&self, Vehicle { raw, states, evidence }: Vehicle) -> Track {
         let (class, dims_m, shape) = (raw.class(), raw.dims_m(), raw.shape.fused());
         let joins = self.joins(&raw);
         let track = Track { id: 0, class, dims_m, dims_covariance: None, states, shape, evidence, joins };

@@ -35,7 +35,7 @@ use crate::{
     measurement::Sighting,
     noise::COMMON_SHARE,
     numbers::sigmoid,
-    raw_track::{Link, RawTrack, VOTES},
+    raw_track::{Link, RawTrack, Votes},
 };
 
 /// Share of vehicles that are stationary when they are first found, 0–1.
@@ -54,7 +54,7 @@ const APPEARS: f64 = 2e-5;
 const SIZE_SD: f64 = 0.3;
 /// Votes that each class has in advance, in the order of `VehicleClass::ALL`. Nets confuse cars, trucks and buses with
 /// each other, but hardly with motorcycles.
-const PRIOR_VOTES: [f64; VOTES] = [0.5, 0.5, 0.5, 0.0];
+const PRIOR_VOTES: Votes = Votes::new(0.5, 0.5, 0.5, 0.0);
 
 /// Joins tracklets into tracks. Gaps of up to [`HIDDEN_S`] are bridged. `log_odds` returns the log odds that a tracklet
 /// is a vehicle; `None` for a tracklet that is one beyond doubt. With `cut`, links that are probably wrong are left out.
@@ -227,7 +227,7 @@ struct End {
     /// Logarithm of the vehicle's size: diagonal of the box (px) times the distance (m).
     log_size: f64,
     /// Votes for each class.
-    votes: [f64; VOTES],
+    votes: Votes,
 }
 
 impl End {
@@ -262,7 +262,7 @@ impl End {
             standing,
             driving,
             log_size: upper_median(&mut sizes, f64::total_cmp).unwrap_or_default(),
-            votes: track.votes(),
+            votes: track.votes,
         }
     }
 
@@ -372,13 +372,11 @@ fn creep_density(end: &End, start: &End, way: &Vector2<f64>, places: &Matrix2<f6
 /// Returns the log likelihood ratio of the class votes: both tracks are one vehicle, or two unrelated vehicles. It is
 /// at most 0, and 0 if one of them has no votes.
 fn class_gain(end: &End, start: &End) -> f64 {
-    if [end, start].iter().any(|one| one.votes.iter().sum::<f64>() <= 0.0) {
+    if end.votes.sum() <= 0.0 || start.votes.sum() <= 0.0 {
         return 0.0;
     }
-    let share = |votes: &[f64; VOTES], c: usize| {
-        (votes[c] + PRIOR_VOTES[c]) / (votes.iter().sum::<f64>() + PRIOR_VOTES.iter().sum::<f64>())
-    };
-    let same: f64 = (0..VOTES).map(|c| share(&end.votes, c) * share(&start.votes, c)).sum();
+    let shares = |votes: &Votes| (votes + PRIOR_VOTES) / (votes + PRIOR_VOTES).sum();
+    let same = shares(&end.votes).dot(&shares(&start.votes));
     // Most vehicles are of one class, so agreement says little and disagreement much.
     (same / 0.6).ln().min(0.0)
 }

@@ -141,8 +141,7 @@ fn nearest<T>(items: &[T], time_s: f64, at_s: impl Fn(&T) -> f64) -> Option<&T> 
 
 /// Returns the class of a chain, by the boxes of which the detector is certain.
 fn class(boxes: &[(usize, BoxSighting)]) -> VehicleClass {
-    let votes = votes_of(boxes);
-    votes.into_iter().max_by(|a, b| a.1.total_cmp(&b.1)).map_or(VehicleClass::Car, |(class, _)| class)
+    VehicleClass::ALL[votes_of(boxes).imax()]
 }
 
 /// Returns the direction of travel at a time, rad: that of a line through the positions (time, x, y) around it. `None`

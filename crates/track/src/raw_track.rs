@@ -1,8 +1,6 @@
 //! Tracks before smoothing, and the tests whether two detections are of one car.
 
-use std::collections::BTreeMap;
-
-use nalgebra::Vector3;
+use nalgebra::{SVector, Vector3};
 use roadplane_base::{VehicleClass, bbox_covered, bbox_iou};
 
 use crate::{BoxSighting, CarMeasurement, expected::SURE_OVERLAP, measurement::Sighting, shape::ShapeSum};
@@ -23,7 +21,7 @@ pub(crate) struct RawTrack {
     /// Evidence on the vehicle's shape.
     pub shape: ShapeSum,
     /// Sum of the scores for each class.
-    votes: BTreeMap<VehicleClass, f64>,
+    pub votes: Votes,
     /// Evidence on the vehicle's size.
     dims: DimsSum,
     /// Joins of tracklets, in the order of time.
@@ -43,8 +41,8 @@ pub(crate) struct Link {
     pub log_odds: f64,
 }
 
-/// Number of classes that receive votes.
-pub(crate) const VOTES: usize = VehicleClass::ALL.len();
+/// One number per class, in the order of [`VehicleClass::ALL`].
+pub(crate) type Votes = SVector<f64, { VehicleClass::ALL.len() }>;
 /// Height below which a short vehicle is a car in any case, m.
 const MAX_CAR_HEIGHT_M: f64 = 1.8;
 /// Length below which a low vehicle is a car in any case, m.
@@ -113,7 +111,7 @@ impl RawTrack {
 
     /// Adds a measurement to the end of the track.
     pub(crate) fn add(&mut self, car: &CarMeasurement, observation: Sighting) {
-        *self.votes.entry(car.class).or_default() += car.score;
+        self.votes += vote(car.class, car.score);
         if let Some(dims) = &car.dims_m {
             self.dims.add(dims);
         }
@@ -133,16 +131,9 @@ impl RawTrack {
         self.certain += later.certain;
         self.is_boxed &= later.is_boxed;
         self.shape.append(later.shape);
-        for (class, votes) in later.votes {
-            *self.votes.entry(class).or_default() += votes;
-        }
+        self.votes += later.votes;
         self.dims.weighted += later.dims.weighted;
         self.dims.precision += later.dims.precision;
-    }
-
-    /// Returns the sum of the scores for each class, in the order of `VehicleClass::ALL`.
-    pub(crate) fn votes(&self) -> [f64; VOTES] {
-        VehicleClass::ALL.map(|class| self.votes.get(&class).copied().unwrap_or(0.0))
     }
 
     /// Returns the size of a vehicle that is no car, m.
@@ -152,7 +143,7 @@ impl RawTrack {
 
     /// Returns the class by votes and size.
     pub(crate) fn class(&self) -> VehicleClass {
-        let [car, truck, bus, motorcycle] = self.votes();
+        let [car, truck, bus, motorcycle] = self.votes.into();
         if motorcycle > car + truck + bus {
             return VehicleClass::Motorcycle;
         }
@@ -171,12 +162,14 @@ impl RawTrack {
 }
 
 /// Returns the sum of the scores for each class, over the boxes of which the detector is certain.
-pub(crate) fn votes_of(boxes: &[(usize, BoxSighting)]) -> BTreeMap<VehicleClass, f64> {
-    let mut votes = BTreeMap::new();
-    for (_, seen) in boxes.iter().filter(|(_, seen)| seen.is_sure()) {
-        *votes.entry(seen.class).or_default() += seen.score;
-    }
-    votes
+pub(crate) fn votes_of(boxes: &[(usize, BoxSighting)]) -> Votes {
+    let sure = boxes.iter().map(|(_, seen)| seen).filter(|seen| seen.is_sure());
+    sure.map(|seen| vote(seen.class, seen.score)).sum()
+}
+
+/// Returns the votes of one detection.
+fn vote(class: VehicleClass, score: f64) -> Votes {
+    VehicleClass::ALL.map(|one| if one == class { score } else { 0.0 }).into()
 }
 
 /// Whether two detections are of one car: their boxes overlap much, at about the same position.
@@ -241,16 +234,8 @@ mod tests {
             dims.add(&[Vector3::from(dims_m), Vector3::repeat(0.3)]);
             let shape = ShapeSum::new(Vector2::zeros(), 0.0);
             let (observations, links, certain) = Default::default();
-            RawTrack {
-                observations,
-                shape,
-                votes: BTreeMap::from([(called, 1.0)]),
-                dims,
-                links,
-                certain,
-                is_boxed: false,
-            }
-            .class()
+            RawTrack { observations, shape, votes: vote(called, 1.0), dims, links, certain, is_boxed: false }
+                .class()
         };
         use VehicleClass::{Bus, Car, Motorcycle, Truck};
         assert_eq!(class(Motorcycle, [2.0, 0.8, 1.6]), Motorcycle);

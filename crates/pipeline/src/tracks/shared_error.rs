@@ -4,13 +4,9 @@
 //! four numbers (log focal length, tilt, roll, log height) by central differences. The log height contains the error of
 //! the scale.
 
-use nalgebra::{Matrix4, SMatrix, Vector2, Vector4};
+use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{Camera, CameraEstimate, CameraParams, GroundPart, GroundPose};
-
-/// Step of the numerical derivatives, rad or log.
-const STEP: f64 = 1e-5;
-/// Length of the path from which a direction is computed, m.
-const WAY_M: f64 = 1.0;
+use roadplane_calibrate::by_camera as derivatives;
 
 /// Returns the derivatives of x, y (m), heading (rad) and log speed at a position by the camera's numbers (columns).
 ///
@@ -31,10 +27,12 @@ fn by_camera_above(part: &GroundPart, camera: &CameraEstimate, pose: &GroundPose
 
 /// As [`by_camera`], for the only plane of the estimate, in its world frame.
 fn by_plane(estimate: &CameraEstimate, pose: &GroundPose) -> Option<Matrix4<f64>> {
-    let ahead = Vector2::new(pose.heading_rad.cos(), pose.heading_rad.sin()) * WAY_M;
+    // The direction is that of a path of one metre.
+    let ahead = Vector2::new(pose.heading_rad.cos(), pose.heading_rad.sin());
     let from = Vector2::new(pose.x_m, pose.y_m);
     let pixels = [pixel_of(estimate, &from)?, pixel_of(estimate, &(from + ahead))?];
-    let laid = |params: &CameraParams| -> Option<Vector4<f64>> {
+    let laid = |numbers: &Vector4<f64>| -> Option<Vector4<f64>> {
+        let params = CameraParams::from_vector(numbers);
         let camera = Camera { focal_px: params.focal_px(), ..estimate.camera() };
         let plane = params.plane();
         let at = plane.world_from_pixel(&camera, &pixels[0])?;
@@ -43,16 +41,7 @@ fn by_plane(estimate: &CameraEstimate, pose: &GroundPose) -> Option<Matrix4<f64>
         let turn = (ahead.x * way.y - ahead.y * way.x).atan2(ahead.dot(&way));
         Some(Vector4::new(at.x, at.y, turn, way.norm().ln()))
     };
-    let mut derivatives = SMatrix::<f64, 4, 4>::zeros();
-    for column in 0..4 {
-        let moved = |step: f64| {
-            let mut numbers = estimate.params.to_vector();
-            numbers[column] += step;
-            laid(&CameraParams::from_vector(&numbers))
-        };
-        derivatives.set_column(column, &((moved(STEP)? - moved(-STEP)?) / (2.0 * STEP)));
-    }
-    Some(derivatives)
+    derivatives(laid, &estimate.params.to_vector()).map(|by| Matrix4::from_columns(&by))
 }
 
 /// Returns the covariance of x, y, heading and log speed from the camera's errors; zero where these are not finite.
