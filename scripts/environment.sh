@@ -13,6 +13,19 @@
 #
 # An environment is made if it is missing, and made again if its packages or versions change.
 
+# install_packages_into FOLDER LOCK PACKAGE...: uv takes a tenth of pip's time. Where uv cannot install, for example because
+# only pip knows the mirror in use, pip does. uv itself is in the environment of the group `lock`.
+install_packages_into() {
+  local folder=$1 lock=$2 uv
+  shift 2
+  if [[ $folder != .runtime/lock ]] && uv=$(dirname "$(environment lock)")/uv &&
+    "$uv" pip install --quiet --python "$folder/bin/python" --constraints "$lock" --build-constraints "$lock" "$@"; then
+    return
+  fi
+  PIP_CONSTRAINT=$PWD/$lock PIP_BUILD_CONSTRAINT=$PWD/$lock "$folder/bin/python" -m pip install \
+    --quiet --disable-pip-version-check "$@"
+}
+
 # make_environment FOLDER INTERPRETER LOCK VENV_OPTIONS PACKAGE...
 make_environment() {
   local folder=$1 interpreter=$2 lock=$3 options=$4 wanted
@@ -21,8 +34,7 @@ make_environment() {
   if [[ ! -x $folder/bin/python || $(cat "$folder/wanted.txt" 2>/dev/null) != "$wanted" ]]; then
     # shellcheck disable=SC2086 # the options are words
     "$interpreter" -m venv --clear $options "$folder" || return
-    PIP_CONSTRAINT=$PWD/$lock PIP_BUILD_CONSTRAINT=$PWD/$lock "$folder/bin/python" -m pip install \
-      --quiet --disable-pip-version-check "$@" >&2 || return
+    install_packages_into "$folder" "$lock" "$@" >&2 || return
     printf '%s\n' "$wanted" >"$folder/wanted.txt"
   fi
   printf '%s\n' "$PWD/$folder/bin/python"

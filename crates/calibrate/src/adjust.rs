@@ -21,8 +21,8 @@ pub(crate) struct MeasuredLink {
     pub weight: f64,
 }
 
-/// Largest number of sweeps over all references.
-const MOST_SWEEPS: usize = 200;
+/// Largest number of rounds of an iteration that ends where nothing changes: here, of sweeps over all references.
+pub(crate) const MOST_ROUNDS: usize = 200;
 /// Change of a point in one sweep below which the adjustment ends, px.
 const STILL_PX: f64 = 1e-3;
 
@@ -43,7 +43,7 @@ pub(crate) fn adjusted(
     }
     let mut adjusted = positions;
     let references: Vec<u64> = adjusted.keys().copied().filter(|reference| *reference != world).collect();
-    for _ in 0..MOST_SWEEPS {
+    for _ in 0..MOST_ROUNDS {
         let mut change_px: f64 = 0.0;
         for reference in &references {
             if let Some(fitted) = fitted(*reference, &adjusted, &links, size) {

@@ -42,6 +42,7 @@ use self::group::{is_usable, mean, span_s, together};
 use self::horizon::{linearised, of_horizon};
 use self::nodes::{Gaussian, Node, smooth};
 use crate::LinkId;
+use crate::adjust::MOST_ROUNDS;
 use crate::factors::Factor;
 use crate::prior::FusePrior;
 
@@ -166,9 +167,7 @@ impl FuseOptions {
     }
 }
 
-/// Largest number of rounds of linearising and smoothing.
-const ROUNDS: usize = 50;
-/// Change of the camera in one round below which the rounds end, log or rad.
+/// Change of the camera in one round of linearising and smoothing below which the rounds end, log or rad.
 const STILL: f64 = 1e-9;
 
 /// Fuses the windows of a clip, in the order of time.
@@ -246,7 +245,7 @@ fn solve(pieces: &[Piece<'_, '_>], options: &FuseOptions) -> (Vec<Node>, Vec<Gau
     let mut at: Vec<[Vector4<f64>; 2]> = pieces.iter().map(|piece| [piece.cars.1; 2]).collect();
     let mut states: Vec<Gaussian> = Vec::new();
     let mut nodes = Vec::new();
-    for _ in 0..ROUNDS {
+    for _ in 0..MOST_ROUNDS {
         nodes.clear();
         for (i, (piece, factors)) in pieces.iter().zip(&mut factors).enumerate() {
             let cars = linearised(&piece.cars.0, &at[i][0]);

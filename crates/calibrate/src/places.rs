@@ -17,6 +17,8 @@ use crate::turns::{LEAST_SD_PX, Misfit, Turns};
 /// Least time for which pictures must lie on the references of a place, s. A flash or a lorry in front of the camera is
 /// shorter. So are the places that a camera passes at 8 m/s: rendered, they last for up to 1.3 s.
 pub(crate) const MIN_PLACE_S: f64 = 2.0;
+/// Least number of pictures on the references of a place. Pictures that a pan passes are fewer.
+const MIN_PICTURES: u64 = 4;
 
 /// Weighted sum of the measurements of one link.
 #[derive(Clone, Copy, Debug, Default)]
@@ -122,7 +124,8 @@ impl PlacesBuilder {
             let here = || place.keys().map(|reference| &self.pictures[reference]);
             let first_s = here().map(|pictures| pictures.first_s).fold(f64::INFINITY, f64::min);
             let last_s = here().map(|pictures| pictures.last_s).fold(f64::NEG_INFINITY, f64::max);
-            last_s - first_s >= MIN_PLACE_S || Some(count_of(place)) == most
+            let lasts = last_s - first_s >= MIN_PLACE_S && count_of(place) >= MIN_PICTURES;
+            lasts || Some(count_of(place)) == most
         });
         let turns = found.iter().map(|place| self.turns_at(place)).collect();
         let numbered = found.into_iter().enumerate();

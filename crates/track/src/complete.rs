@@ -100,7 +100,7 @@ pub(crate) fn complete(
 }
 
 /// A smoothed track that is probably a vehicle.
-struct Vehicle {
+struct Kept {
     /// Track before smoothing.
     raw: RawTrack,
     /// Smoothed states, one for each frame.
@@ -167,7 +167,7 @@ impl<S: Scene> Completion<'_, S> {
 
     /// Smooths tracks, and returns those that are probably vehicles. The others are listed as left out. Tracks without
     /// enough detections are dropped.
-    fn vehicles(&mut self, mut tracks: Vec<RawTrack>) -> Vec<Vehicle> {
+    fn vehicles(&mut self, mut tracks: Vec<RawTrack>) -> Vec<Kept> {
         tracks.retain(|raw| {
             let is_certain = !raw.is_boxed || raw.certain >= FEWEST;
             raw.observations.len() >= self.least && is_certain
@@ -190,7 +190,7 @@ impl<S: Scene> Completion<'_, S> {
             };
             let Some(evidence) = self.evidence(&raw, at) else { continue };
             if !self.options.steps.existence || evidence.probability() >= self.options.min_exists_p {
-                vehicles.push(Vehicle { raw, states, evidence });
+                vehicles.push(Kept { raw, states, evidence });
             } else {
                 self.left_out.push(first);
             }
@@ -211,7 +211,7 @@ impl<S: Scene> Completion<'_, S> {
     }
 
     /// Returns the finished track. Where only boxes show the vehicle, they give its path and its size together.
-    fn finished(&self, Vehicle { raw, states, evidence }: Vehicle) -> Track {
+    fn finished(&self, Kept { raw, states, evidence }: Kept) -> Track {
         let (class, dims_m, shape) = (raw.class(), raw.dims_m(), raw.shape.fused());
         let joins = self.joins(&raw);
         let track = Track { id: 0, class, dims_m, dims_covariance: None, states, shape, evidence, joins };
