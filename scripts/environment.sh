@@ -13,14 +13,16 @@
 #
 # An environment is made if it is missing, and made again if its packages or versions change.
 
-# install_packages_into FOLDER LOCK PACKAGE...: uv takes a tenth of pip's time. Where uv cannot install, for example because
-# only pip knows the mirror in use, pip does. uv itself is in the environment of the group `lock`.
+# install_packages_into FOLDER LOCK PACKAGE...: uv takes a tenth of pip's time. It is in the environment of the group `lock`.
+# Where it cannot install, for example because only pip knows the mirror in use, pip does, and uv is not tried again.
 install_packages_into() {
   local folder=$1 lock=$2 uv
   shift 2
-  if [[ $folder != .runtime/lock ]] && uv=$(dirname "$(environment lock)")/uv &&
-    "$uv" pip install --quiet --python "$folder/bin/python" --constraints "$lock" --build-constraints "$lock" "$@"; then
-    return
+  if [[ $folder != .runtime/lock ]] && uv=$(dirname "$(environment lock)")/uv && [[ ! -e .runtime/lock/no-uv ]]; then
+    UV_HTTP_TIMEOUT=30 "$uv" pip install --quiet --system-certs --python "$folder/bin/python" \
+      --constraints "$lock" --build-constraints "$lock" "$@" && return
+    echo "uv could not install these packages: pip installs them" >&2
+    touch .runtime/lock/no-uv
   fi
   PIP_CONSTRAINT=$PWD/$lock PIP_BUILD_CONSTRAINT=$PWD/$lock "$folder/bin/python" -m pip install \
     --quiet --disable-pip-version-check "$@"
