@@ -10,6 +10,8 @@ use std::collections::BTreeMap;
 use nalgebra::Vector2;
 use roadplane_base::{Homography, ImageSize, bbox_grid};
 
+use crate::MOST_ROUNDS;
+
 /// A measured mapping between two references.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct MeasuredLink {
@@ -21,8 +23,6 @@ pub(crate) struct MeasuredLink {
     pub weight: f64,
 }
 
-/// Largest number of rounds of an iteration that ends where nothing changes: here, of sweeps over all references.
-pub(crate) const MOST_ROUNDS: usize = 200;
 /// Change of a point in one sweep below which the adjustment ends, px.
 const STILL_PX: f64 = 1e-3;
 

@@ -55,7 +55,10 @@ const STEP: f64 = 1e-5;
 
 /// Returns the derivatives of a function of the camera by (log f, tilt, roll, log h); `None` where it has no value.
 #[must_use]
-pub fn by_camera<V>(of: impl Fn(&Vector4<f64>) -> Option<V>, camera: &Vector4<f64>) -> Option<[V; 4]>
+pub fn derivatives_by_camera<V>(
+    of: impl Fn(&Vector4<f64>) -> Option<V>,
+    camera: &Vector4<f64>,
+) -> Option<[V; 4]>
 where
     V: Sub<Output = V> + Div<f64, Output = V>,
 {
@@ -83,7 +86,7 @@ impl Factor {
 
     /// Returns the residual at a camera; `None` if the factor cannot be evaluated there.
     pub(crate) fn residual(&self, camera: &Vector4<f64>) -> Option<Residual> {
-        let by_camera = by_camera(|camera| self.value(camera), camera)?;
+        let by_camera = derivatives_by_camera(|camera| self.value(camera), camera)?;
         Some(Residual {
             value: self.value(camera)?,
             by_camera: MatrixXx4::from_columns(&by_camera),

@@ -41,10 +41,9 @@ pub use self::group::condense;
 use self::group::{is_usable, mean, span_s, together};
 use self::horizon::{linearised, of_horizon};
 use self::nodes::{Gaussian, Node, smooth};
-use crate::LinkId;
-use crate::adjust::MOST_ROUNDS;
 use crate::factors::Factor;
 use crate::prior::FusePrior;
+use crate::{LinkId, MOST_ROUNDS};
 
 /// Identity of a car among all windows that are fused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

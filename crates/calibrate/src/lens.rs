@@ -9,10 +9,9 @@
 //! either side. The share of straight edges, and their straightness, are unknown. So each edge is a mixture, and the
 //! likelihood of the distortion is computed on a grid.
 //!
-//! As a prior, half of all pictures are free of distortion, and the others are distorted as surveillance lenses distort
-//! them. A picture is free with a
-//! good lens, or if the camera corrects it. Otherwise the distortion grows with the picture's width relative to the
-//! focal length.
+//! As a prior, half of all pictures are free of distortion: they have a good lens, or the camera corrects them. The others
+//! are distorted as surveillance lenses distort them. This distortion grows with the picture's width relative to the focal
+//! length.
 //!
 //! Turns: pictures of a camera that turns fit each other only through the right lens ([`TurnedLens`]). They count as
 //! one measurement of the distortion. If it is more accurate than the assumption of no distortion, the lens is the
@@ -113,7 +112,7 @@ impl LensView {
     #[must_use]
     pub fn found(&self, log_focal: LogFocal) -> Option<(Lens, f64)> {
         if self.turned.is_some_and(|turned| turned.sd <= STRAIGHT_SD) {
-            let [mean, sd] = self.moments(&self.prior(log_focal, 0.5))?;
+            let [mean, sd] = self.posterior(log_focal)?;
             return Some((Lens::with_distortion(mean, self.size), sd));
         }
         let bent = self.prior(log_focal, 0.0);
@@ -135,7 +134,12 @@ impl LensView {
     /// Returns the posterior mean and sd of the distortion, given the focal length.
     #[must_use]
     pub fn distortion(&self, log_focal: LogFocal) -> [f64; 2] {
-        self.moments(&self.prior(log_focal, 0.5)).unwrap_or_default()
+        self.posterior(log_focal).unwrap_or_default()
+    }
+
+    /// As [`Self::distortion`]; `None` where it is not finite. The odds of a picture without distortion are even.
+    fn posterior(&self, log_focal: LogFocal) -> Option<[f64; 2]> {
+        self.moments(&self.prior(log_focal, 0.5))
     }
 
     /// Returns the sd of the distortion about that of `lens`, given the focal length.

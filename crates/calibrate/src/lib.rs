@@ -43,10 +43,16 @@ mod turned_lens;
 mod turns;
 mod verticals;
 
+/// Largest number of rounds of an iteration that ends where nothing changes.
+const MOST_ROUNDS: usize = 200;
+/// Squared distance, in sds, beyond which an error does not explain a difference. For the four numbers of a clip and an
+/// epoch of its camera, this happens once in 2·10⁵ by chance.
+const CONTRADICTS: f64 = 30.0;
+
 pub use combine::combine;
 pub use cues::{SceneView, cues};
 pub use evidence::{EvidenceBuilder, Window};
-pub use factors::{Factor, Length, Survey, VerticalVanishingPoint, by_camera};
+pub use factors::{Factor, Length, Survey, VerticalVanishingPoint, derivatives_by_camera};
 pub use fuse::{CarIdentity, CarUse, FuseOptions, Joined, WindowEstimate, condense, fuse, join};
 pub use ground::{Fold, GroundEvidence, GroundView};
 pub use lens::{LensView, LogFocal, STRAIGHT_SD};

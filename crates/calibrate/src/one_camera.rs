@@ -176,7 +176,7 @@ where
                     self.waiting.push_back(frame);
                     let waited_s = |(first, last): (&FrameRecord, &FrameRecord)| last.time_s - first.time_s;
                     let ends = self.waiting.front().zip(self.waiting.back());
-                    // Frames wait for as long as a place lasts at least.
+                    // Frames wait no longer than the shortest place lasts.
                     if ends.map_or(0.0, waited_s) > MIN_PLACE_S {
                         self.convert(None);
                     }

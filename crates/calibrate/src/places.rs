@@ -17,7 +17,7 @@ use crate::turns::{LEAST_SD_PX, Misfit, Turns};
 /// Least time for which pictures must lie on the references of a place, s. A flash or a lorry in front of the camera is
 /// shorter. So are the places that a camera passes at 8 m/s: rendered, they last for up to 1.3 s.
 pub(crate) const MIN_PLACE_S: f64 = 2.0;
-/// Least number of pictures on the references of a place. Pictures that a pan passes are fewer.
+/// Least number of pictures on the references of a place.
 const MIN_PICTURES: u64 = 4;
 
 /// Weighted sum of the measurements of one link.

@@ -9,7 +9,7 @@ use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{CameraEvidence, ParkedCar, bbox_iou, bbox_longer_side};
 
 use crate::select::{MIN_KEYPOINTS, SAME_BAY};
-use crate::{CarIdentity, CarUse, FuseOptions, LinkId, WindowEstimate, fuse};
+use crate::{CONTRADICTS, CarIdentity, CarUse, FuseOptions, LinkId, WindowEstimate, fuse};
 
 /// Result of comparing two pictures of the empty scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -33,9 +33,6 @@ pub struct Epoch<'a> {
     pub vehicles: Vec<(LinkId, &'a ParkedCar)>,
 }
 
-/// Squared distance, in sds, beyond which an error does not explain a difference. For the four numbers of a clip and an
-/// epoch, this happens once in 2·10⁵ by chance.
-pub(crate) const CONTRADICTS: f64 = 30.0;
 /// Largest number of an epoch's pictures that are compared, latest first. A site looks different by night and by day.
 const PICTURES: usize = 12;
 /// Largest rms distance between two keypoint sets of the same vehicle, as a share of the box's longer side.

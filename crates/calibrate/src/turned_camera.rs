@@ -6,7 +6,7 @@
 use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{CameraParams, GroundPlane, Homography, JointInformation};
 
-use crate::factors::by_camera;
+use crate::factors::derivatives_by_camera;
 
 /// Returns the camera after a turn and a zoom. `homography` maps undistorted pixels of its picture to those of the
 /// turned camera, and `centre_px` is the principal point of both. `None` if the homography is no turn.
@@ -36,7 +36,7 @@ pub fn turned_information(
     let turned_numbers = |numbers: &Vector4<f64>| {
         Some(turned_camera(&CameraParams::from_vector(numbers), homography, centre_px)?.to_vector())
     };
-    let derivative = by_camera(turned_numbers, &camera.to_vector())?;
+    let derivative = derivatives_by_camera(turned_numbers, &camera.to_vector())?;
     let inverse = Matrix4::from_columns(&derivative).try_inverse()?;
     let information = inverse.transpose() * joint.information * inverse;
     let information = (information + information.transpose()) / 2.0;

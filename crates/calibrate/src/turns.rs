@@ -78,8 +78,9 @@ impl Misfit {
         let of_lens = registration.lens.map_or(0.0, |lens| 0.5 * ((lens.bend - bend) / lens.sd).powi(2));
         let all: Option<Vec<[f64; 2]>> =
             (0..GRID).map(|i| remaining(&mapping, focal_at(i), aspect)).collect();
-        // A mapping that is near no turn at all would make each focal length impossible.
-        for (i, squares) in all.into_iter().flatten().enumerate() {
+        // A mapping that is near no turn at all gives no evidence: it would make each focal length impossible.
+        let Some(all) = all else { return };
+        for (i, squares) in all.into_iter().enumerate() {
             // χ² of eight numbers whose errors have the root mean square `sd` over the picture.
             let [whole, in_view] = squares.map(|square| 4.0 * square / (sd * sd));
             self.cost[i] += whole;
@@ -128,7 +129,8 @@ impl Misfit {
         let least = here - 0.25 * (before - after) * shift;
         // Four of the eight numbers are fitted.
         let misfit = (2.0 * least.max(0.0) / (4.0 * self.count)).sqrt();
-        // A principal point beside the middle of the picture changes the focal length by about as much as its distance.
+        // A principal point beside the middle of the picture changes the focal length by about the same share
+        // (`docs/book/science.md`). The registrations do not show this error.
         let log_sd = (STEP / curvature.sqrt() * misfit.max(1.0)).hypot(Camera::PRINCIPAL_POINT_SD);
         let focal_px = f64::from(size.width) * LEAST_WIDTHS * (STEP * (best as f64 + shift)).exp();
         (curvature > 0.0 && log_sd < WEAKEST).then_some(Turns { focal_px, log_sd })

@@ -183,16 +183,16 @@ impl<S: Scene> Completion<'_, S> {
         };
         let mut vehicles = Vec::new();
         for (raw, states) in smoothed {
-            let Some(first) = states.first().map(|state| state.stamp) else { continue };
+            let Some((first, state)) = raw.observations.first().zip(states.first()) else { continue };
+            let (first, stamp) = (first.frame, state.stamp);
             let at = |seen: &Sighting| {
-                let state = states.get(seen.frame - raw.observations.first()?.frame)?;
-                Some(Vector2::new(state.pose.x_m, state.pose.y_m))
+                states.get(seen.frame - first).map(|state| Vector2::new(state.pose.x_m, state.pose.y_m))
             };
             let Some(evidence) = self.evidence(&raw, at) else { continue };
             if !self.options.steps.existence || evidence.probability() >= self.options.min_exists_p {
                 vehicles.push(Kept { raw, states, evidence });
             } else {
-                self.left_out.push(first);
+                self.left_out.push(stamp);
             }
         }
         vehicles

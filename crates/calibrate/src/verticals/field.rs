@@ -5,8 +5,8 @@ use std::f64::consts::TAU;
 use nalgebra::{Vector2, Vector3};
 use roadplane_base::SceneLine;
 
+use crate::CONTRADICTS;
 use crate::lens::SHARES;
-use crate::remember::CONTRADICTS;
 
 /// Sd of the lean of masts and walls, rad: half a degree. This is an estimate: masts lean by 0.3–1°, walls by less.
 const LEAN_SD: f64 = 0.0087;
@@ -15,8 +15,9 @@ const STRAY: f64 = 1.05;
 /// Distance at which two edges belong to one object, 1 sd, as a share of the picture's width; vertically twice that.
 const TOGETHER: f64 = 0.025;
 
-/// A node of the search grid: the inverse distance of the vertical vanishing point, tan(tilt) / focal (1/px), the roll (rad)
-/// and the lens distortion, the share by which the lens draws the half width in (negative) or out.
+/// A node of the search grid: (bend, roll, lens). The bend is the inverse distance of the vertical vanishing point,
+/// tan(tilt) / focal, 1/px. The roll is in rad. The lens distortion is the share by which the lens draws the half width in
+/// (negative) or out.
 pub(super) type Node = Vector3<f64>;
 
 /// An edge, in pixels relative to the principal point.

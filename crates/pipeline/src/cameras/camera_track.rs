@@ -42,12 +42,6 @@ pub(super) fn positions(visits: &[Visit]) -> usize {
     visits.iter().map(|visit| visit.position + 1).max().unwrap_or(1)
 }
 
-/// Returns the index of the camera position at a time.
-pub(super) fn position_at(visits: &[Visit], time_s: f64) -> usize {
-    let begun = visits.iter().take_while(|visit| visit.span_s[0] <= time_s).last();
-    begun.or(visits.first()).map_or(0, |visit| visit.position)
-}
-
 /// Returns the estimates of the positions in the order of time, one for each visit.
 pub(super) fn by_visits(
     estimates: &BTreeMap<usize, CameraEstimate>,
@@ -82,7 +76,8 @@ impl CameraTrack {
     /// Returns the index of the camera position at a time, from 0. All visits to a position have the same index.
     #[must_use]
     pub fn position_at(&self, time_s: f64) -> usize {
-        position_at(&self.visits, time_s)
+        let begun = self.visits.iter().take_while(|visit| visit.span_s[0] <= time_s).last();
+        begun.or(self.visits.first()).map_or(0, |visit| visit.position)
     }
 
     /// Returns the estimate whose interval contains a time, or else the nearest one.

@@ -6,7 +6,7 @@
 
 use nalgebra::{Matrix4, Vector2, Vector4};
 use roadplane_base::{Camera, CameraEstimate, CameraParams, GroundPart, GroundPose};
-use roadplane_calibrate::by_camera as derivatives;
+use roadplane_calibrate::derivatives_by_camera;
 
 /// Returns the derivatives of x, y (m), heading (rad) and log speed at a position by the camera's numbers (columns).
 ///
@@ -41,7 +41,7 @@ fn by_plane(estimate: &CameraEstimate, pose: &GroundPose) -> Option<Matrix4<f64>
         let turn = (ahead.x * way.y - ahead.y * way.x).atan2(ahead.dot(&way));
         Some(Vector4::new(at.x, at.y, turn, way.norm().ln()))
     };
-    derivatives(laid, &estimate.params.to_vector()).map(|by| Matrix4::from_columns(&by))
+    derivatives_by_camera(laid, &estimate.params.to_vector()).map(|by| Matrix4::from_columns(&by))
 }
 
 /// Returns the covariance of x, y, heading and log speed from the camera's errors; zero where these are not finite.

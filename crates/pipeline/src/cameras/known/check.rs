@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::Vector4;
 use roadplane_base::{CameraEstimate, ImageSize};
-use roadplane_calibrate::{Survey, by_camera};
+use roadplane_calibrate::{Survey, derivatives_by_camera};
 use roadplane_write::ConstraintSummary;
 
 use super::{CameraConstraints, Fact};
@@ -96,7 +96,7 @@ impl Fact {
             Self::Length { file, length } => {
                 let known = others.on_ground(length, size);
                 let log_metres = |camera: &Vector4<f64>| Some(known.measured(camera)?.0.ln());
-                let found = known.measured(&mean).zip(by_camera(log_metres, &mean));
+                let found = known.measured(&mean).zip(derivatives_by_camera(log_metres, &mean));
                 let Some(((metres, log_sd), by)) = found else { return Vec::new() };
                 let by = Vector4::from(by);
                 let else_sd = by.dot(&(covariance * by)).max(0.0).sqrt();

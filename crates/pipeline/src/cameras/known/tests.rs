@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use nalgebra::{Matrix4, Vector4};
-use roadplane_base::{CameraEstimate, CameraParams, CameraStatus, GroundPlane, Homography, Lens};
+use roadplane_base::{CameraEstimate, CameraParams, CameraStatus, GroundPlane, Homography};
 use roadplane_calibrate::FuseOptions;
 use roadplane_write::write_camera;
 
@@ -191,17 +191,10 @@ fn our_own_cameras_come_with_their_covariance() {
         let mut covariance = Matrix4::from_diagonal(&Vector4::new(4e-4, 1e-4, 1e-4, height_sd * height_sd));
         (covariance[(0, 3)], covariance[(3, 0)]) = (1e-4, 1e-4);
         let estimate = CameraEstimate {
-            span_s: [0.0, 1.0],
-            image_size_px: SIZE,
-            principal_point_px: SIZE.centre_px(),
-            lens: Lens::STRAIGHT,
-            distortion_sd: None,
             params: CameraParams { log_focal: 7.0, tilt: 0.3, roll: 0.0, log_height: 2.0 },
             covariance,
             status,
-            cars_used: 3,
-            frames_used: 9,
-            second_plane: None,
+            ..FuseOptions::for_image(SIZE).unobservable([0.0, 1.0])
         };
         let path = folder.path().join("camera.json");
         write_camera(&path, &[estimate], Vec::new()).unwrap();
@@ -234,17 +227,10 @@ fn contradictions_are_told_by_what_everything_else_says() {
     };
     let known = CameraConstraints::new(&options).unwrap();
     let all_else = CameraEstimate {
-        span_s: [0.0, 1.0],
-        image_size_px: SIZE,
-        principal_point_px: SIZE.centre_px(),
-        lens: Lens::STRAIGHT,
-        distortion_sd: None,
         params: CameraParams { log_focal: 1000_f64.ln(), tilt: 0.3, roll: 0.0, log_height: 8.1_f64.ln() },
         covariance: Matrix4::from_diagonal(&Vector4::new(4e-4, 1e-4, 1e-4, 1.6e-3)),
         status: CameraStatus::Estimated,
-        cars_used: 3,
-        frames_used: 9,
-        second_plane: None,
+        ..FuseOptions::for_image(SIZE).unobservable([0.0, 1.0])
     };
     let checked = known.checked(SIZE, |others| {
         assert_eq!(others.facts.len(), 1);
