@@ -79,7 +79,7 @@ def test_old_words_may_be_quoted() -> None:
 
 
 def test_files_of_exempt_folders_may_be_named() -> None:
-    assert found("See `pipeline/tracks/stretch.rs` and `calibrate/src/witness.rs`, `facing.rs`.\n") == []
+    assert found("See `pipeline/tracks/stretch.rs` and `calibrate/src/witness.rs`, `way.rs`.\n") == []
     assert found("See `view/src/look.rs`.\n") == [(1, "words")]
 
 

@@ -49,6 +49,12 @@ pub fn car_body(atlas: &ShapeAtlas, shape: &Shape) -> Body {
 }
 
 impl Body {
+    /// Returns length, width and height this number of sds above their means, m.
+    #[must_use]
+    pub fn at_sds_m(&self, sds: f64) -> Vector3<f64> {
+        self.dims_m + self.covariance.diagonal().map(f64::sqrt) * sds
+    }
+
     /// Returns the size for use with other detections of the vehicle: no sd is below 0.3 m.
     #[must_use]
     pub fn at_best(self) -> Self {

@@ -21,9 +21,9 @@ const HIDDEN_BY_VEHICLE: f64 = 0.7;
 const WRONG: f64 = 0.01;
 
 /// Constant part of an edge's sd from one observation to the next, px.
-pub const EDGE_SD_PX: f64 = 1.0;
+pub(crate) const EDGE_SD_PX: f64 = 1.0;
 /// Part of an edge's sd from one observation to the next that is proportional to the box's shorter side, without unit.
-pub const EDGE_SD_SHARE: f64 = 0.03;
+pub(crate) const EDGE_SD_SHARE: f64 = 0.03;
 /// Sd of an edge's offset that all observations share, as a share of the box's shorter side. It is there because bodies
 /// are no boxes.
 pub const OUTLINE_SD: f64 = 0.04;
@@ -31,6 +31,12 @@ pub const OUTLINE_SD: f64 = 0.04;
 pub const REACH: f64 = 2.0;
 /// Sign of the outward direction at a box's left, top, right and bottom edge.
 pub const OUTWARD: [f64; 4] = [-1.0, -1.0, 1.0, 1.0];
+
+/// Returns the sd of an edge from one observation to the next, for a box with this shorter side, px.
+#[must_use]
+pub fn edge_sd_px(side_px: f64) -> f64 {
+    EDGE_SD_PX + EDGE_SD_SHARE * side_px
+}
 
 /// An edge of a box.
 #[derive(Clone, Copy, Debug)]

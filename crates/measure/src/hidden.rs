@@ -1,9 +1,6 @@
 //! Finds the edges of a vehicle's box at which the vehicle does not end, because another vehicle hides the rest.
 
-/// Largest distance of touching boxes, constant part, px.
-const TOUCH_PX: f64 = 2.0;
-/// Largest distance of touching boxes, part that grows with the box, as a share of its shorter side.
-const TOUCH_SHARE: f64 = 0.05;
+use crate::edge::edge_sd_px;
 
 /// Returns the edges that are in one set, in the other, or in both.
 #[must_use]
@@ -17,7 +14,8 @@ pub fn either(a: [bool; 4], b: [bool; 4]) -> [bool; 4] {
 #[must_use]
 pub fn hidden_edges<'a>(bbox_px: &[f64; 4], others: impl Iterator<Item = &'a [f64; 4]>) -> [bool; 4] {
     let [x0, y0, x1, y1] = *bbox_px;
-    let touch = TOUCH_PX + TOUCH_SHARE * (x1 - x0).min(y1 - y0);
+    // Boxes whose edges are less than two sds apart touch each other.
+    let touch = 2.0 * edge_sd_px((x1 - x0).min(y1 - y0));
     let mut hidden = [false; 4];
     for [a0, b0, a1, b1] in others.copied().filter(|other| other[3] > y1 + touch) {
         let wide = 2.0 * (a1.min(x1) - a0.max(x0)) > x1 - x0;

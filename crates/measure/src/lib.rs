@@ -25,7 +25,7 @@ mod outline;
 
 pub use body::{Body, LEAST_M, body_of, car_body};
 pub use cars::{POSE_SD_RATIO, any_car, fit_frame};
-pub use edge::{EDGE_SD_PX, EDGE_SD_SHARE, Edge, OUTLINE_SD, OUTWARD, REACH};
+pub use edge::{Edge, OUTLINE_SD, OUTWARD, REACH, edge_sd_px};
 pub use fit_check::{FitLimits, overlap_inside, projected_box, usable};
 pub use frame_camera::FrameCamera;
 pub use ground_contact::{GroundContact, HEADING_SD_RAD, Knowledge, STEP, ground_contact};

@@ -9,7 +9,7 @@ use roadplane_base::{
 };
 use roadplane_geo::{NotPlaced, Place, Site};
 use roadplane_measure::any_car;
-use roadplane_track::{ClockReader, Evidence, Join, Track};
+use roadplane_track::{ClockReader, Evidence, Join, Track, TrackStep};
 use roadplane_write::{FrameReader, PoseLines, RunStatus, read_jsonl};
 
 use crate::cameras::camera_track::CameraTrack;
@@ -255,8 +255,11 @@ pub(crate) fn solve_constrained_clip(
         // shape of its track.
         let seen = first.seen_by(chunk);
         let (found, _) = pass.tracks(seen, chunk, None, &mut Tally::default(), |_| Ok(()))?;
-        let vehicles =
-            if config.track.steps.second_pass { tracked_cars(&found, atlas) } else { BTreeMap::new() };
+        let vehicles = if config.track.takes(TrackStep::SecondPass) {
+            tracked_cars(&found, atlas)
+        } else {
+            BTreeMap::new()
+        };
         // The tracks of a chunk need much memory, so they are dropped as soon as possible.
         drop(found);
         let mut spooled = PoseLines::create(&spool)?;
@@ -269,7 +272,7 @@ pub(crate) fn solve_constrained_clip(
         }
         drop(vehicles);
         tracks.retain(|track| {
-            let is_kept = !config.track.steps.own_boxes || pass.is_where_it_is_seen(track, &views);
+            let is_kept = !config.track.takes(TrackStep::OwnBoxes) || pass.is_where_it_is_seen(track, &views);
             let is_own = track.states.first().is_some_and(|state| chunk.holds(state.stamp.time_s()));
             tally.left_out_tracks += u64::from(!is_kept && is_own);
             is_kept

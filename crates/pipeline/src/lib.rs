@@ -11,7 +11,8 @@
 //!                inputs are lines of the scene, user constraints (known.rs), the camera database (memory.rs) and the
 //!                lens (lens.rs). joining.rs has the options for joining windows and clips
 //! tracks/        estimates tracks from the frames and the camera: one pass over a time chunk (pass.rs, scene.rs), lines
-//!                of poses.jsonl (poses.rs), rows of tracks (rows.rs), activities (activities.rs)
+//!                of poses.jsonl (poses.rs), rows of tracks (rows.rs)
+//! activities.rs  finds activities in the tracks
 //! estimation.rs  runs cameras/ and then tracks/ for a whole clip
 //! output/        writes the files of a result (finish.rs, track_rows.rs), its report and its video (draw.rs,
 //!                losses.rs)
@@ -21,6 +22,7 @@
 //!                progress.rs, cancel.rs, error.rs
 //! ```
 
+mod activities;
 mod cameras;
 mod cancel;
 mod commands;
@@ -40,6 +42,7 @@ mod stream;
 mod tracks;
 mod traffic;
 
+pub use activities::{activity_file, track_motion};
 pub use cameras::frame::PLANE_TERMS;
 pub use cameras::known::{CameraConstraints, ConstraintOptions, Measured};
 pub use cameras::krtd::{Krtd, read_krtd};
@@ -71,7 +74,6 @@ pub use roadplane_write::{EvidenceStore, Existing, FolderLock, WriteError};
 pub use stream::nets::{Nets, open_activity, open_detector, open_keypoints};
 pub use stream::span::Span;
 pub use stream::streaming::open_input;
-pub use tracks::activities::{activity_file, track_motion};
 pub use traffic::{
     TrafficOptions, TrafficReport, check_traffic, traffic, write_traffic, write_traffic_pictures,
 };

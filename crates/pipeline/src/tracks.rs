@@ -1,6 +1,5 @@
 //! Locates cars with the estimated camera and tracks them over the clip.
 
-pub(crate) mod activities;
 pub(crate) mod known;
 pub(crate) mod pass;
 pub(crate) mod poses;

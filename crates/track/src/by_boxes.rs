@@ -10,14 +10,15 @@
 
 use nalgebra::{Matrix5, SMatrix, SVector, Vector3, Vector4, Vector5};
 use roadplane_base::{FrameStamp, GroundPose, VehicleClass, upper_median};
-use roadplane_measure::{Body, EDGE_SD_PX, EDGE_SD_SHARE, Edge, LEAST_M, OUTLINE_SD, OUTWARD, REACH, STEP};
+use roadplane_measure::{Body, Edge, LEAST_M, OUTLINE_SD, OUTWARD, REACH, STEP, edge_sd_px};
 
 use crate::{
     Scene,
     chain::Blocks,
+    descent::descend,
     measurement::Sighting,
     noise::COMMON_SHARE,
-    vehicle::{Node, State, Vehicle, origin},
+    vehicle::{Node, State, Vehicle, moved, origin},
 };
 
 /// Number of shared unknowns: length, width and height (m), and one offset per edge. The offset is the distance outside
@@ -31,10 +32,6 @@ type Border = SMatrix<f64, 5, SHARED>;
 /// Factors on the sd of the edges, one per stage. At first edges count as less certain, so that hidden parts show
 /// before they mislead (graduated non-convexity: Blake and Zisserman 1987).
 const EASED: [f64; 3] = [8.0, 3.0, 1.0];
-/// Largest number of Levenberg–Marquardt rounds per stage.
-const MAX_ROUNDS: usize = 30;
-/// Least gain of a step, in units of the cost. A descent ends where a step gains less.
-const LEAST_GAIN: f64 = 1e-4;
 
 /// The observation of one node: its box, combined from one or more detections.
 pub(crate) struct Look {
@@ -79,7 +76,7 @@ impl Look {
             let is_cut = !is_own && looks.iter().any(|o| o.cut[i]);
             Edge {
                 seen_px,
-                sd_px: EDGE_SD_PX + EDGE_SD_SHARE * side_px,
+                sd_px: edge_sd_px(side_px),
                 hidden: Edge::hidden(is_cut, !is_own),
                 reach_px: REACH * side_px,
                 looks: count / (1.0 + (together.max(count) - 1.0) * COMMON_SHARE),
@@ -136,14 +133,22 @@ struct Bordered {
 }
 
 impl<S: Scene> ByBoxes<'_, S> {
-    /// Solves by Levenberg–Marquardt, starting from the states of a path. Returns `None` where boxes and path
-    /// contradict each other.
-    pub(crate) fn solve(&self, start: Vec<State>) -> Option<Solved> {
-        let mut states = start;
+    /// Solves the problem, starting from the states of a path. Returns `None` where boxes and path contradict each other.
+    pub(crate) fn solve(&self, mut states: Vec<State>) -> Option<Solved> {
         let mut shared = Shared::zeros();
         shared.fixed_rows_mut::<3>(0).copy_from(&self.start_m);
         for ease in EASED {
-            (states, shared) = self.descend(states, shared, ease)?;
+            (states, shared) = descend(
+                (states, shared),
+                |(states, shared)| self.cost(states, shared, ease),
+                |(states, shared)| self.system(states, shared, ease),
+                |(states, shared), system, damping| {
+                    let (step, shared_step) = system.step(damping)?;
+                    let mut shared = shared + shared_step;
+                    (0..3).for_each(|i| shared[i] = shared[i].max(LEAST_M));
+                    Some((moved(states, &step), shared))
+                },
+            )?;
         }
         // The prior of a motorcycle's size is narrow, but riders lean and carry things.
         if self.body.class == VehicleClass::Motorcycle && !self.is_seen(&states, &shared)? {
@@ -159,35 +164,6 @@ impl<S: Scene> ByBoxes<'_, S> {
                 covariance: shared_covariance.fixed_view::<3, 3>(0, 0).into_owned(),
             },
         })
-    }
-
-    /// Descends at one factor on the sd of the edges (`ease`). Returns the states and the shared unknowns.
-    fn descend(&self, mut states: Vec<State>, mut shared: Shared, ease: f64) -> Option<(Vec<State>, Shared)> {
-        let mut cost = self.cost(&states, &shared, ease)?;
-        let mut damping = 1e-4;
-        for _ in 0..MAX_ROUNDS {
-            let system = self.system(&states, &shared, ease)?;
-            let mut gained = None;
-            while damping < 1e9 {
-                if let Some((step, shared_step)) = system.step(damping) {
-                    let trial: Vec<State> = states.iter().zip(&step).map(|(s, d)| s + d).collect();
-                    let mut trial_shared = shared + shared_step;
-                    (0..3).for_each(|i| trial_shared[i] = trial_shared[i].max(LEAST_M));
-                    let reached = self.cost(&trial, &trial_shared, ease);
-                    if let Some(reached) = reached.filter(|reached| *reached <= cost) {
-                        gained = Some(cost - reached);
-                        (states, shared, cost) = (trial, trial_shared, reached);
-                        damping = (damping * 0.1).max(1e-9);
-                        break;
-                    }
-                }
-                damping *= 10.0;
-            }
-            if gained.is_none_or(|gain| gain < LEAST_GAIN) {
-                break;
-            }
-        }
-        Some((states, shared))
     }
 
     /// Whether most observations show the whole body, apart from parts behind another vehicle.

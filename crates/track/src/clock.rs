@@ -11,7 +11,6 @@ use roadplane_base::{FrameRecord, bbox_cut};
 use crate::{
     BoxSighting,
     delays::{DelayVariance, Delays},
-    expected::TOUCHING,
     frames::BoxesByFrame,
     picture_chains::chains,
 };
@@ -131,7 +130,7 @@ impl ClockReader {
     fn estimate(&mut self) {
         let (times_s, boxes) = (std::mem::take(&mut self.times_s), std::mem::take(&mut self.boxes));
         self.count = 0;
-        let delays = Delays::of(&chains(&boxes, &[], &times_s, TOUCHING), &times_s);
+        let delays = Delays::of(&chains(&boxes, &[], &times_s, 0.0), &times_s);
         self.variance.add(&delays);
         let found = self.variance.sd_s().map(|sd_s| delays.estimate(sd_s));
         for (i, time_s) in times_s.into_iter().enumerate() {

@@ -7,7 +7,7 @@ use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass};
 use roadplane_measure::{Body, GroundContact, Knowledge, body_of};
 
 use crate::{
-    BoxSighting, Evidence, Join, Track, TrackOptions, TrackState,
+    BoxSighting, Evidence, Join, Track, TrackOptions, TrackState, TrackStep,
     box_motion::COAST_S,
     duplicates::{merge_duplicates, merge_smoothed},
     frames::{BoxesByFrame, Frames},
@@ -18,11 +18,7 @@ use crate::{
     raw_track::{FEWEST, Link, RawTrack},
     smooth::smooth_track,
     smooth_boxes::smooth_by_boxes,
-    vehicle::HALF_WHEELBASE_M,
 };
-
-/// Distance from the rear axle to the centre of a vehicle that is no car, as a share of its length.
-const HALF_WHEELBASE_SHARE: f64 = 0.25;
 
 /// Knowledge of the scene, beyond the detections. It converts between boxes and poses.
 pub trait Scene {
@@ -78,7 +74,7 @@ pub(crate) fn complete(
     let least = options.min_observed.min(frames.looks.div_ceil(2));
     let mut completion = Completion { frames, options, scene, least, left_out: Vec::new() };
     let mut tracklets = completion.merged(tracklets);
-    if options.steps.boxes && !free.is_empty() {
+    if options.takes(TrackStep::Boxes) && !free.is_empty() {
         leave_out(&mut free, &tracklets);
         tracklets = add_boxes(tracklets, &free, frames, scene);
     }
@@ -126,7 +122,7 @@ struct Completion<'a, S> {
 impl<S: Scene> Completion<'_, S> {
     /// Merges tracklets of one vehicle, first by single detections and then by smoothed poses.
     fn merged(&self, tracklets: Vec<RawTrack>) -> Vec<RawTrack> {
-        if !self.options.steps.merge {
+        if !self.options.takes(TrackStep::Merge) {
             return tracklets;
         }
         self.merged_smoothed(merge_duplicates(tracklets)).into_iter().map(|(raw, _)| raw).collect()
@@ -134,12 +130,12 @@ impl<S: Scene> Completion<'_, S> {
 
     /// Merges tracks of one vehicle by their smoothed poses. Returns them with their states.
     fn merged_smoothed(&self, tracks: Vec<RawTrack>) -> Vec<(RawTrack, Vec<TrackState>)> {
-        merge_smoothed(tracks, |track| self.smooth(track))
+        merge_smoothed(tracks, |track| smooth_track(track, self.frames))
     }
 
     /// Links tracklets over gaps.
     fn linked(&self, tracklets: Vec<RawTrack>) -> Vec<RawTrack> {
-        if !self.options.steps.link {
+        if !self.options.takes(TrackStep::Link) {
             return tracklets;
         }
         let log_odds = |raw: &RawTrack| {
@@ -148,13 +144,7 @@ impl<S: Scene> Completion<'_, S> {
             }
             Some(self.evidence(raw, |seen| Some(seen.pose.xy()))?.log_odds())
         };
-        link(tracklets, self.options.steps.cut, log_odds)
-    }
-
-    /// Returns the smoothed states of a track.
-    fn smooth(&self, track: &RawTrack) -> Vec<TrackState> {
-        let Frames { stamps, times_s, .. } = self.frames;
-        smooth_track(&track.observations, stamps, times_s, half_wheelbase_m(track))
+        link(tracklets, self.options.takes(TrackStep::Cut), log_odds)
     }
 
     /// Collects what shows whether a track is a vehicle; `None` without a detection. `at` returns its position at a
@@ -172,11 +162,11 @@ impl<S: Scene> Completion<'_, S> {
             let is_certain = !raw.is_boxed || raw.certain >= FEWEST;
             raw.observations.len() >= self.least && is_certain
         });
-        let smoothed = if self.options.steps.merge {
+        let smoothed = if self.options.takes(TrackStep::Merge) {
             self.merged_smoothed(tracks)
         } else {
             let with_states = |raw: RawTrack| {
-                let states = self.smooth(&raw);
+                let states = smooth_track(&raw, self.frames);
                 (raw, states)
             };
             tracks.into_iter().map(with_states).collect()
@@ -189,7 +179,9 @@ impl<S: Scene> Completion<'_, S> {
                 states.get(seen.frame - first).map(|state| Vector2::new(state.pose.x_m, state.pose.y_m))
             };
             let Some(evidence) = self.evidence(&raw, at) else { continue };
-            if !self.options.steps.existence || evidence.probability() >= self.options.min_exists_p {
+            if !self.options.takes(TrackStep::Existence)
+                || evidence.probability() >= self.options.min_exists_p
+            {
                 vehicles.push(Kept { raw, states, evidence });
             } else {
                 self.left_out.push(stamp);
@@ -215,22 +207,10 @@ impl<S: Scene> Completion<'_, S> {
         let (class, dims_m, shape) = (raw.class(), raw.dims_m(), raw.shape.fused());
         let joins = self.joins(&raw);
         let track = Track { id: 0, class, dims_m, dims_covariance: None, states, shape, evidence, joins };
-        if !self.options.steps.by_boxes {
+        if !self.options.takes(TrackStep::ByBoxes) {
             return track;
         }
-        let body = self.scene.body(class, &shape.mean);
-        let start_m = dims_m.unwrap_or(body.dims_m);
-        let Frames { stamps, times_s, .. } = self.frames;
-        let half_wheelbase_m = half_wheelbase_m(&raw);
-        match smooth_by_boxes(
-            &raw.observations,
-            stamps,
-            times_s,
-            half_wheelbase_m,
-            &body,
-            start_m,
-            self.scene,
-        ) {
+        match smooth_by_boxes(&raw, self.frames, self.scene) {
             Some((states, body)) => Track {
                 dims_m: dims_m.map(|_| body.dims_m),
                 dims_covariance: dims_m.map(|_| body.covariance),
@@ -240,11 +220,6 @@ impl<S: Scene> Completion<'_, S> {
             None => track,
         }
     }
-}
-
-/// Returns the distance from the rear axle to the origin of a track's vehicle, m.
-fn half_wheelbase_m(track: &RawTrack) -> f64 {
-    track.dims_m().map_or(HALF_WHEELBASE_M, |dims_m| HALF_WHEELBASE_SHARE * dims_m.x)
 }
 
 /// Removes the boxes that tracks have already.

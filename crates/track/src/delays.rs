@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 use roadplane_base::{bbox_centre, median};
 
 use crate::{
-    noise::SIGNIFICANT,
+    noise::{MIN_SIGHTINGS, SIGNIFICANT},
     picture_chains::{Chain, size_px},
 };
 
@@ -19,10 +19,6 @@ const NEIGHBOURS: (usize, usize) = (8, 2);
 const PATH_S: f64 = 0.9;
 /// Least step to the farthest neighbour, in box sizes. A slower vehicle shows no delay.
 const LEAST_STEP_SIZES: f64 = 0.15;
-/// Least number of comparable boxes that show the error of a box.
-const LEAST_BOXES: usize = 20;
-/// Least share of a box's error that its distance from the mean of all boxes has.
-const LEAST_LEFT: f64 = 0.1;
 /// Number of times that the weights are computed.
 const ROUNDS: usize = 4;
 /// Largest number of steps of the linear solver, and its relative accuracy.
@@ -60,7 +56,7 @@ impl Delays {
         let mut leads: Vec<Lead> = chains.iter().flat_map(|chain| leads_of(chain, times_s)).collect();
         leads.sort_by_key(|lead| lead.frame);
         let mut errors: Vec<f64> = of_frames(&leads).flat_map(errors_of).collect();
-        if errors.len() < LEAST_BOXES {
+        if errors.len() < MIN_SIGHTINGS {
             leads.clear();
         }
         // The median of |x| of a normal distribution is 0.6745 sds. Weights of exact boxes must stay finite.
@@ -197,9 +193,8 @@ fn errors_of(leads: &[Lead]) -> Vec<f64> {
     let weight = |lead: &Lead| lead.sd_per_share_s.powi(-2);
     let weights = leads.iter().map(weight).sum::<f64>();
     let mean = leads.iter().map(|lead| weight(lead) * lead.lead_s).sum::<f64>() / weights;
-    // The mean takes a share of each error away. A box that has nearly all of the weight shows nothing.
-    let left =
-        leads.iter().map(|lead| (lead, 1.0 - weight(lead) / weights)).filter(|(_, left)| *left > LEAST_LEFT);
+    // The mean takes a share of each error away. A box that has all of the weight shows nothing.
+    let left = leads.iter().map(|lead| (lead, 1.0 - weight(lead) / weights)).filter(|(_, left)| *left > 1e-6);
     left.map(|(lead, left)| (lead.lead_s - mean).abs() / (lead.sd_per_share_s * left.sqrt())).collect()
 }
 

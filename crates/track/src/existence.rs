@@ -17,8 +17,6 @@ use crate::{
 
 /// Scale of a displacement, m. Far away, positions of stationary objects jitter by about as much.
 const MOVED_M: f64 = 3.0;
-/// Largest distance below the height of a car that counts, m.
-const MOST_LOW_M: f64 = 0.75;
 
 /// All that is known of a track that shows whether it is a vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -74,7 +72,7 @@ impl Evidence {
             self.moved.ln_1p(),
             is_car * (1.0 - self.fitted),
             is_car * self.fitted * self.log_rms,
-            is_car * self.above_car_m.clamp(-MOST_LOW_M, 0.0),
+            is_car * self.above_car_m.min(0.0),
             1.0 - is_car,
         ]
     }

@@ -11,15 +11,10 @@ use crate::{
 /// Longest gap that linking bridges, and longest time for which a stationary vehicle is followed without a detection,
 /// s.
 pub(crate) const HIDDEN_S: f64 = 60.0;
-/// Cost above which it is more probable that the vehicle is not detected. Pose and overlap contribute up to 0.5 each.
-pub(crate) const ALONE: f64 = 0.9;
 /// Least overlap (IoU) of a stationary car's box with the box of a detection.
 const MIN_OVERLAP: f64 = 0.25;
-/// Half the width of a lane, m. A position with a larger sd says little, and boxes must then overlap by `TOUCHING`. It is
-/// also the sd of the distance between tracklets that begin at one place.
+/// Half the width of a lane, m. A position with a larger sd says little, and boxes must then overlap. It is also the sd of the distance between tracklets that begin at one place.
 pub(crate) const HALF_LANE_M: f64 = 1.5;
-/// Least overlap (IoU) of boxes where the position is vague, or where the time stamp may be wrong.
-pub(crate) const TOUCHING: f64 = 0.05;
 /// Overlap (IoU) of boxes that makes a pair, even where the pose is wrong.
 pub(crate) const SURE_OVERLAP: f64 = 0.5;
 
@@ -73,7 +68,7 @@ impl Expected {
         (self.motion.unseen_s(time_s) <= COAST_S).then(|| self.motion.at(time_s))
     }
 
-    /// Returns the cost of a detection: 0 for a perfect match, [`ALONE`] and above for none.
+    /// Returns the cost of a detection: 0 for a perfect match, 1 and more for none. Pose and overlap cost up to 0.5 each.
     pub(crate) fn cost(&self, sighting: &Sighting) -> f64 {
         let distance = self.filter.distance(&sighting.pose, &sighting.covariance, sighting.time_s);
         let near = (distance / GATE).min(1.0);
@@ -97,7 +92,7 @@ impl Expected {
             return f64::INFINITY;
         }
         // A detection with a vague position is near to everything.
-        let is_near = distance < GATE && (spread < HALF_LANE_M || overlap > TOUCHING);
+        let is_near = distance < GATE && (spread < HALF_LANE_M || overlap > 0.0);
         if is_near || overlap > SURE_OVERLAP { 0.5 * near + 0.5 * (1.0 - overlap) } else { f64::INFINITY }
     }
 }
@@ -135,8 +130,8 @@ mod tests {
         let cost = |y_m: f64, sd_m: f64, bbox_px: [f64; 4]| car.cost(&sighting(y_m, sd_m, bbox_px, 3.0));
         // These cost little: half of the car, wherever its keypoints seem to be, and slivers near its position, within
         // their uncertainty. A sliver of another vehicle that passes in front costs much.
-        assert!(cost(84.0, 2.0, [100.0, 200.0, 125.0, 230.0]) < ALONE);
-        assert!(cost(90.5, 0.5, SLIVER) < ALONE && cost(88.0, 3.0, SLIVER) < ALONE);
-        assert!(cost(84.0, 2.0, SLIVER) >= ALONE);
+        assert!(cost(84.0, 2.0, [100.0, 200.0, 125.0, 230.0]) < 1.0);
+        assert!(cost(90.5, 0.5, SLIVER) < 1.0 && cost(88.0, 3.0, SLIVER) < 1.0);
+        assert!(cost(84.0, 2.0, SLIVER) >= 1.0);
     }
 }

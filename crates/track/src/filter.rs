@@ -17,8 +17,9 @@ pub(crate) const SPEED_SD: f64 = 8.0;
 pub(crate) const STANDING_MPS: f64 = 0.2;
 /// Power of the axis' random turning, rad²/s.
 const TURN_POWER: f64 = 0.25;
-/// Power of the wandering of a parked car, m²/s. It allows for estimates that still settle.
-const STILL_POWER: f64 = 4e-4;
+/// Least sd of a measured position, m: no measurement is better. A parked car wanders by as much in 1 s, while its
+/// estimate settles.
+pub(crate) const POSE_FLOOR_M: f64 = 0.02;
 /// Greatest distance that a stationary car seems to move, and least one that a driving car moves, m. It is also the sd
 /// of a creeping car's distance from its line.
 pub(crate) const STILL_M: f64 = 0.5;
@@ -143,8 +144,8 @@ impl Filter {
     fn standing(&self, time_s: f64) -> Self {
         let dt = (time_s - self.time_s).max(0.0);
         let mut covariance = self.covariance;
-        covariance[(0, 0)] += STILL_POWER * dt;
-        covariance[(1, 1)] += STILL_POWER * dt;
+        covariance[(0, 0)] += POSE_FLOOR_M * POSE_FLOOR_M * dt;
+        covariance[(1, 1)] += POSE_FLOOR_M * POSE_FLOOR_M * dt;
         Self { covariance, ..*self }
     }
 }

@@ -16,9 +16,6 @@ use roadplane_base::FrameStamp;
 
 use crate::numbers::{JOIN_FEATURES, NUMBERS, sigmoid};
 
-/// Largest size of log odds that counts.
-const MOST_ODDS: f64 = 20.0;
-
 /// A join of a track over a gap.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Join {
@@ -46,7 +43,7 @@ impl Join {
 
 /// Returns the features of a join over a gap (s) with these log odds.
 pub(crate) fn features(log_odds: f64, gap_s: f64) -> [f64; JOIN_FEATURES] {
-    [1.0, log_odds.clamp(-MOST_ODDS, MOST_ODDS), gap_s.max(0.0).ln_1p()]
+    [1.0, log_odds, gap_s.max(0.0).ln_1p()]
 }
 
 /// Returns the probability that a join with these features is right, 0–1.

@@ -14,9 +14,8 @@
 //!   → add_boxes         tracklets of all other boxes, weak and strong         (picture_chains.rs, placed_boxes.rs)
 //!   → link              all continuations, and which boxes belong to none     (link.rs, join.rs, parts.rs)
 //!   → find_runs         stationary intervals and driving intervals            (stops.rs)
-//!   → facing            heading disambiguation: which end is the front        (facing.rs)
-//!   → smooth_track      one pose per stationary interval, else a vehicle      (way.rs, start.rs, parked.rs,
-//!                       model                                                  vehicle.rs, chain.rs)
+//!   → smooth_track      heading disambiguation: which end is the front; one   (way.rs, start.rs, parked.rs,
+//!                       pose per stationary interval, else a vehicle model     vehicle.rs, chain.rs, descent.rs)
 //!   → Evidence          is the track a vehicle?                               (existence.rs)
 //!   → smooth_by_boxes   path and size together, where only boxes show them    (smooth_boxes.rs, by_boxes.rs)
 //!   → Track                                                                   (complete.rs)
@@ -38,10 +37,10 @@ mod chain;
 mod clock;
 mod complete;
 mod delays;
+mod descent;
 mod duplicates;
 mod existence;
 mod expected;
-mod facing;
 mod filter;
 mod frames;
 mod join;
@@ -74,5 +73,5 @@ pub use measurement::{
 };
 pub use numbers::{FEATURES, JOIN_FEATURES};
 pub use options::TrackOptions;
-pub use steps::TrackSteps;
+pub use steps::TrackStep;
 pub use tracker::Tracker;

@@ -43,7 +43,7 @@ const STANDING_SHARE: f64 = 0.1;
 /// Mean time for which a stationary or creeping vehicle stays undetected, s (exponential distribution).
 const STANDS_S: f64 = 20.0;
 /// Mean time for which a driving vehicle stays undetected, s (exponential distribution).
-const DRIVES_S: f64 = 1.2;
+const DRIVES_S: f64 = MOTION_S;
 /// Prior probabilities of the three modes: stationary, driving, creeping.
 const SHARES: [f64; 3] = [0.4, 0.45, 0.15];
 /// Greatest speed of creeping, m/s.

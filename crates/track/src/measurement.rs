@@ -9,8 +9,6 @@ use crate::{Evidence, Join};
 /// Median distance (rms) of a car's keypoints from their projections, as a share of the box's longer side: rendered
 /// clips.
 const USUAL_RMS_SHARE: f64 = 0.018;
-/// Largest such distance of a valid fit (`solve.max_rms_share`). Worse fits are all alike.
-const MOST_RMS_SHARE: f64 = 0.07;
 
 /// An estimate of a car's shape: a Gaussian over its shape coefficients.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -65,8 +63,8 @@ pub struct CarMeasurement {
     pub known: bool,
     /// Length, width and height (m) and their sds (m), of a vehicle that the shape model does not cover.
     pub dims_m: Option<[Vector3<f64>; 2]>,
-    /// Distance (rms) of a car's keypoints from their projections, as a share of the box's longer side. It is there
-    /// even where the pose comes from the box; `None` without keypoints.
+    /// Distance (rms) of a car's keypoints from their projections, as a share of the box's longer side, at most that of a
+    /// valid fit. It is there even where the pose comes from the box; `None` without keypoints.
     pub fit_rms_share: Option<f64>,
 }
 
@@ -229,7 +227,7 @@ impl Sighting {
     /// Returns the distance (rms) of a car's keypoints from their projections, relative to the usual one; `None` without
     /// keypoints.
     pub(crate) fn misfit(&self) -> Option<f64> {
-        Some(self.fit_rms_share?.clamp(1e-3, MOST_RMS_SHARE) / USUAL_RMS_SHARE)
+        Some(self.fit_rms_share?.max(1e-3) / USUAL_RMS_SHARE)
     }
 
     /// Creates a detection from a box and the pose at which the box places the vehicle. `time_s` counts from the first

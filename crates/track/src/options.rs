@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::TrackSteps;
+use crate::TrackStep;
 
 /// The settings of a tracker.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -12,13 +12,21 @@ pub struct TrackOptions {
     pub min_observed: usize,
     /// Least probability that a track is a vehicle, 0–1. Other tracks are dropped.
     pub min_exists_p: f64,
-    /// Steps that are switched on. They are no settings: only the laboratory switches steps off.
+    /// The step that is left out. It is no setting: only the laboratory leaves steps out.
     #[serde(skip)]
-    pub steps: TrackSteps,
+    pub without: Option<TrackStep>,
+}
+
+impl TrackOptions {
+    /// Whether the tracker takes a step.
+    #[must_use]
+    pub fn takes(&self, step: TrackStep) -> bool {
+        self.without != Some(step)
+    }
 }
 
 impl Default for TrackOptions {
     fn default() -> Self {
-        Self { min_observed: 6, min_exists_p: 0.5, steps: TrackSteps::default() }
+        Self { min_observed: 6, min_exists_p: 0.5, without: None }
     }
 }

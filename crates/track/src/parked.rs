@@ -4,13 +4,11 @@ use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{fold_axis, upper_median};
 
 use crate::{
+    descent::MAX_ROUNDS,
     measurement::Sighting,
     noise::{Noise, given_heading},
     vehicle::SCATTER,
 };
-
-/// Largest number of rounds of reweighting.
-const ROUNDS: usize = 20;
 
 /// The pose of a car in a stationary interval.
 #[derive(Clone, Copy, Debug)]
@@ -32,9 +30,15 @@ pub(crate) fn stand(all: &[Sighting]) -> Option<Stand> {
         sightings.iter().map(|o| o.covariance.try_inverse().unwrap_or_else(Matrix3::zeros)).collect();
     let mut pose = start(sightings)?;
     let mut information = Matrix3::zeros();
-    for _ in 0..ROUNDS {
-        let away: Vec<Vector3<f64>> = sightings.iter().map(|o| residual(o, &pose)).collect();
-        let squares: Vec<f64> = away.iter().zip(&inverses).map(|(d, i)| d.dot(&(i * d))).collect();
+    let off = |pose: &Vector3<f64>| -> (Vec<Vector3<f64>>, Vec<f64>) {
+        let square = |(seen, inverse): (&Sighting, &Matrix3<f64>)| {
+            let d = residual(seen, pose);
+            (d, d.dot(&(inverse * d)))
+        };
+        sightings.iter().zip(&inverses).map(square).unzip()
+    };
+    for _ in 0..MAX_ROUNDS {
+        let (away, squares) = off(&pose);
         let mut sorted = squares.clone();
         let ratio = Noise::measured(&mut sorted, 0.0, 0.0, 1.0).ratio;
         information = Matrix3::zeros();
@@ -50,7 +54,10 @@ pub(crate) fn stand(all: &[Sighting]) -> Option<Stand> {
             break;
         }
     }
-    let noise = noise_around(sightings, &inverses, &pose);
+    let (away, mut squares) = off(&pose);
+    let lagged = (1..away.len()).map(|i| away[i - 1].dot(&(inverses[i] * away[i]))).sum();
+    let own = squares.iter().sum();
+    let noise = Noise::measured(&mut squares, own, lagged, 1.0);
     let typical = information.cholesky()?.inverse() * sightings.len() as f64;
     let independent = (sightings.len() as f64 * noise.ratio / noise.white().max(1e-12)).max(1.0);
     let white = noise.ratio / independent;
@@ -80,13 +87,4 @@ fn start(sightings: &[Sighting]) -> Option<Vector3<f64>> {
 fn residual(sighting: &Sighting, pose: &Vector3<f64>) -> Vector3<f64> {
     let d = sighting.pose - pose;
     Vector3::new(d.x, d.y, fold_axis(d.z))
-}
-
-/// Measures the split between white noise and bias from the residuals around a pose.
-fn noise_around(sightings: &[Sighting], inverses: &[Matrix3<f64>], pose: &Vector3<f64>) -> Noise {
-    let away: Vec<Vector3<f64>> = sightings.iter().map(|o| residual(o, pose)).collect();
-    let mut squares: Vec<f64> = away.iter().zip(inverses).map(|(d, i)| d.dot(&(i * d))).collect();
-    let own = squares.iter().sum();
-    let lagged = (1..away.len()).map(|i| away[i - 1].dot(&(inverses[i] * away[i]))).sum();
-    Noise::measured(&mut squares, own, lagged, 1.0)
 }

@@ -15,12 +15,11 @@ use crate::{
     BoxSighting,
     box_motion::{BoxMotion, COAST_S},
     expected::SURE_OVERLAP,
+    filter::MOTION_S,
     frames::BoxesByFrame,
     raw_track::{FEWEST, RawTrack},
 };
 
-/// Time without a box after which a chain ends, even if it hardly moves, s.
-const MAX_GAP_S: f64 = 3.0;
 /// Length of one step of a chain's path in the picture, in box sizes (square root of the area).
 const STEP_SIZES: f64 = 0.5;
 
@@ -41,11 +40,11 @@ impl Chain {
     }
 
     /// Whether the last box is so long ago that another object may be there: the vehicle has moved by half its size
-    /// since, or 3 s have passed.
+    /// since, or [`MOTION_S`] has passed.
     fn is_lost(&self, time_s: f64) -> bool {
         let (last_px, unseen_s) = (self.motion.last_px(), self.motion.unseen_s(time_s));
         let moved_px = (bbox_centre(&self.motion.at(time_s)) - bbox_centre(last_px)).norm();
-        unseen_s > COAST_S && (unseen_s > MAX_GAP_S || moved_px > STEP_SIZES * size_px(last_px))
+        unseen_s > COAST_S && (unseen_s > MOTION_S || moved_px > STEP_SIZES * size_px(last_px))
     }
 
     /// Whether the chain moves on in the picture, in several steps.

@@ -2,17 +2,15 @@
 
 use nalgebra::{SVector, Vector3};
 use roadplane_base::{VehicleClass, bbox_covered, bbox_iou};
+use roadplane_measure::body_of;
 
-use crate::{BoxSighting, CarMeasurement, expected::SURE_OVERLAP, measurement::Sighting, shape::ShapeSum};
+use crate::{
+    BoxSighting, CarMeasurement, expected::SURE_OVERLAP, measurement::Sighting, noise::SIGNIFICANT,
+    shape::ShapeSum, vehicle::HALF_WHEELBASE_M,
+};
 
 /// Least number of detections, coincidences or steps that are more than chance.
 pub(crate) const FEWEST: usize = 3;
-/// Length and width of the ground that a car covers, m.
-const CAR_M: [f64; 2] = [4.4, 1.8];
-/// Largest share of a car's ground that measurements of two different cars have in common, 0–1. Two cars side by side
-/// reach it when their centres appear 1 m apart. Two cars in a row reach it when they appear to overlap by about half.
-const MAX_SHARED_GROUND: f64 = 1.0 - 1.0 / CAR_M[1];
-
 /// A track before smoothing.
 #[derive(Clone, Debug)]
 pub(crate) struct RawTrack {
@@ -43,13 +41,9 @@ pub(crate) struct Link {
 
 /// One number per class, in the order of [`VehicleClass::ALL`].
 pub(crate) type Votes = SVector<f64, { VehicleClass::ALL.len() }>;
-/// Height below which a short vehicle is a car in any case, m.
-const MAX_CAR_HEIGHT_M: f64 = 1.8;
-/// Length below which a low vehicle is a car in any case, m.
-const MAX_CAR_LENGTH_M: f64 = 5.5;
-/// Height below which a short vehicle with most votes for a bus is a car, m. No bus is so low, and from high above cars
-/// are classed as buses.
-const MIN_BUS_HEIGHT_M: f64 = 2.2;
+
+/// Distance from the rear axle to the origin of a vehicle that is no car, as a share of its length.
+const HALF_WHEELBASE_SHARE: f64 = 0.25;
 
 /// Sizes from boxes, weighted by their precision.
 #[derive(Clone, Copy, Debug, Default)]
@@ -141,14 +135,22 @@ impl RawTrack {
         if self.class() == VehicleClass::Car { None } else { self.dims.mean() }
     }
 
+    /// Returns the distance from the rear axle to the vehicle's origin, m.
+    pub(crate) fn half_wheelbase_m(&self) -> f64 {
+        self.dims_m().map_or(HALF_WHEELBASE_M, |dims_m| HALF_WHEELBASE_SHARE * dims_m.x)
+    }
+
     /// Returns the class by votes and size.
     pub(crate) fn class(&self) -> VehicleClass {
         let [car, truck, bus, motorcycle] = self.votes.into();
         if motorcycle > car + truck + bus {
             return VehicleClass::Motorcycle;
         }
-        let height_m = if bus > truck { MIN_BUS_HEIGHT_M } else { MAX_CAR_HEIGHT_M };
-        if self.dims.mean().is_some_and(|dims| dims.z < height_m && dims.x < MAX_CAR_LENGTH_M) {
+        let largest_car_m = body_of(VehicleClass::Car).at_sds_m(SIGNIFICANT);
+        // No bus is so low, and from high above cars are classed as buses.
+        let lowest_bus_m = body_of(VehicleClass::Bus).at_sds_m(-SIGNIFICANT);
+        let height_m = if bus > truck { lowest_bus_m.z } else { largest_car_m.z };
+        if self.dims.mean().is_some_and(|dims| dims.z < height_m && dims.x < largest_car_m.x) {
             return VehicleClass::Car;
         }
         if car >= truck + bus {
@@ -179,18 +181,19 @@ pub(crate) fn same_car(a: &Sighting, b: &Sighting) -> bool {
     in_one_place(&a.pose, &a.bbox_px, &b.pose, &b.bbox_px) || (overlap && share_space(a, b))
 }
 
-/// Whether vehicles in two poses (x, y, heading) would cover the same ground, and their boxes overlap.
+/// Whether cars in two poses (x, y, heading) would share more than half of their ground, and their boxes overlap.
 pub(crate) fn in_one_place(a: &Vector3<f64>, a_px: &[f64; 4], b: &Vector3<f64>, b_px: &[f64; 4]) -> bool {
     // The heading of either may be wrong.
     let shared = covered_ground(a, b).min(covered_ground(b, a));
-    shared > MAX_SHARED_GROUND && bbox_iou(a_px, b_px) > 0.0
+    2.0 * shared > 1.0 && bbox_iou(a_px, b_px) > 0.0
 }
 
 /// Returns the share of a car's ground that another car with the same heading would cover, 0–1.
 fn covered_ground(car: &Vector3<f64>, other: &Vector3<f64>) -> f64 {
     let (away, (sin, cos)) = (other.xy() - car.xy(), car.z.sin_cos());
     let [ahead, aside] = [away.x * cos + away.y * sin, away.y * cos - away.x * sin];
-    (1.0 - ahead.abs() / CAR_M[0]).max(0.0) * (1.0 - aside.abs() / CAR_M[1]).max(0.0)
+    let car_m = body_of(VehicleClass::Car).dims_m;
+    (1.0 - ahead.abs() / car_m.x).max(0.0) * (1.0 - aside.abs() / car_m.y).max(0.0)
 }
 
 /// Whether the two detections cannot be two cars side by side. They are nearer than a car is wide, or their covariances
@@ -198,7 +201,8 @@ fn covered_ground(car: &Vector3<f64>, other: &Vector3<f64>) -> f64 {
 fn share_space(a: &Sighting, b: &Sighting) -> bool {
     let away = a.pose.xy() - b.pose.xy();
     let spread = (a.covariance + b.covariance).fixed_view::<2, 2>(0, 0).into_owned();
-    away.norm() < 1.6 || spread.try_inverse().is_some_and(|s| away.dot(&(s * away)) < 4.0)
+    away.norm() < body_of(VehicleClass::Car).dims_m.y
+        || spread.try_inverse().is_some_and(|s| away.dot(&(s * away)) < SIGNIFICANT * SIGNIFICANT)
 }
 
 #[cfg(test)]
@@ -221,9 +225,9 @@ mod tests {
             shared
         };
         for axis in [0.0, 0.7, 2.0] {
-            assert!(one([2.3, 0.0], 0.0, axis) && !one([2.6, 0.0], 0.0, axis), "lengthwise");
-            assert!(one([0.0, 0.9], PI, axis) && !one([0.0, 1.1], PI, axis), "sideways");
-            assert!(one([0.9, 0.0], FRAC_PI_2, axis) && !one([2.3, 0.0], FRAC_PI_2, axis), "across");
+            assert!(one([2.1, 0.0], 0.0, axis) && !one([2.4, 0.0], 0.0, axis), "lengthwise");
+            assert!(one([0.0, 0.8], PI, axis) && !one([0.0, 1.0], PI, axis), "sideways");
+            assert!(one([0.8, 0.0], FRAC_PI_2, axis) && !one([2.3, 0.0], FRAC_PI_2, axis), "across");
         }
     }
 

@@ -7,20 +7,17 @@ use roadplane_base::{FrameStamp, GroundPose, wrap_angle};
 
 use crate::{
     TrackState,
+    frames::Frames,
     measurement::Sighting,
+    raw_track::RawTrack,
     vehicle::origin,
     way::{Place, Way},
 };
 
 /// Returns one state for every frame from the first detection to the last.
-pub(crate) fn smooth_track(
-    sightings: &[Sighting],
-    stamps: &[FrameStamp],
-    times_s: &[f64],
-    half_wheelbase_m: f64,
-) -> Vec<TrackState> {
-    let Some(way) = Way::by_poses(sightings, times_s, half_wheelbase_m) else { return Vec::new() };
-    way.states(sightings, stamps, |place| place.bias(sightings, way.noise))
+pub(crate) fn smooth_track(track: &RawTrack, frames: &Frames) -> Vec<TrackState> {
+    let Some(way) = Way::by_poses(track, &frames.times_s) else { return Vec::new() };
+    way.states(&track.observations, &frames.stamps, |place| place.bias(&track.observations, way.noise))
 }
 
 impl Way {

@@ -1,15 +1,17 @@
 //! Smooths a vehicle that boxes place. Its stationary and driving intervals follow from the path as a whole.
 
 use nalgebra::{Matrix3, Vector3};
-use roadplane_base::{FrameStamp, VehicleClass};
+use roadplane_base::VehicleClass;
 use roadplane_measure::Body;
 
 use crate::{
     Scene, TrackState,
     by_boxes::{ByBoxes, Look},
     filter::STANDING_MPS,
+    frames::Frames,
     measurement::Sighting,
     parked::stand,
+    raw_track::RawTrack,
     stops::{close_gaps, runs},
     vehicle::Node,
     way::{Place, Way, per_view, places},
@@ -17,24 +19,23 @@ use crate::{
 
 /// Returns the states and the size of a vehicle where boxes, and not keypoints, give its pose. For a vehicle that is no
 /// car they always do. Returns `None` if no pose comes from a box, or if boxes and path contradict each other. Also
-/// returns `None` if the vehicle did not drive and has no keypoints, as then its heading is open. `body` is the prior of the
-/// size, and `start_m` the size from which the solution starts, m.
+/// returns `None` if the vehicle did not drive and has no keypoints, as then its heading is open.
 pub(crate) fn smooth_by_boxes(
-    sightings: &[Sighting],
-    stamps: &[FrameStamp],
-    times_s: &[f64],
-    half_wheelbase_m: f64,
-    body: &Body,
-    start_m: Vector3<f64>,
+    track: &RawTrack,
+    frames: &Frames,
     scene: &impl Scene,
 ) -> Option<(Vec<TrackState>, Body)> {
+    let (sightings, half_wheelbase_m) = (&track.observations, track.half_wheelbase_m());
+    let Frames { stamps, times_s, .. } = frames;
+    let body = &scene.body(track.class(), &track.shape.fused().mean);
+    let start_m = track.dims_m().unwrap_or(body.dims_m);
     let by_box = |seen: &Sighting| !seen.held && (seen.from_box || body.class != VehicleClass::Car);
     let by_pose = |seen: &Sighting| !seen.held && !by_box(seen);
     if !sightings.iter().any(by_box) {
         return None;
     }
-    let by_poses = Way::by_poses(sightings, times_s, half_wheelbase_m)
-        .filter(|way| way.facing.drove || sightings.iter().any(by_pose))?;
+    let by_poses =
+        Way::by_poses(track, times_s).filter(|way| way.facing.drove || sightings.iter().any(by_pose))?;
     let solve = |before: &Way, moving: &[bool], start_m: Vector3<f64>| {
         let mut places = places(sightings, times_s, &runs(moving));
         let measured = |place: &mut Place| {

@@ -1,16 +1,33 @@
 //! Computes the states from which the least-squares solution of a path starts.
 
-use nalgebra::Vector3;
-use roadplane_base::fold_axis;
+use nalgebra::{Vector2, Vector3};
+use roadplane_base::{angle_difference, fold_axis};
 
 use crate::{
-    facing::{Facing, STEP_M, facing},
-    filter::MOTION_S,
+    filter::{MOTION_S, STILL_M},
     measurement::Sighting,
     parked::Stand,
     vehicle::{State, state_at},
     way::Place,
 };
+
+/// Log odds of unanimous keypoints. They are limited, as all frames of one view can be wrong together.
+const KEYPOINT_ODDS: f64 = 4.0;
+/// Log odds per metre of driving ahead. Some drivers reverse for ten metres, hardly any for fifty.
+const ODDS_PER_M: f64 = 0.4;
+/// Log odds below which the front is undetermined.
+const KNOWN_ODDS: f64 = 1.0;
+
+/// The direction in which a track's headings point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Facing {
+    /// Whether headings that follow the axis must be turned by π.
+    pub reversed: bool,
+    /// Whether the front is determined.
+    pub known: bool,
+    /// Whether the path shows the axis.
+    pub drove: bool,
+}
 
 /// Returns the states to start from, and the disambiguated heading. Positions are the detected ones, slightly averaged.
 /// The axis comes from motion where there is some, else from keypoints. The front comes from both.
@@ -69,7 +86,7 @@ fn way_at(sightings: &[Sighting], averaged: &[Vector3<f64>], i: usize) -> Option
     let from = sightings.partition_point(|o| o.time_s < time_s - MOTION_S / 2.0).min(i);
     let to = sightings.partition_point(|o| o.time_s <= time_s + MOTION_S / 2.0).max(i + 1) - 1;
     let way = averaged[to].xy() - averaged[from].xy();
-    (way.norm() > STEP_M + sd).then(|| way.y.atan2(way.x))
+    (way.norm() > STILL_M + sd).then(|| way.y.atan2(way.x))
 }
 
 /// Returns pose (m, rad) and speed (m/s) of a node, on the straight line between the detections around it. `turn` is
@@ -92,7 +109,45 @@ fn interpolated(
     let (near, far) = (from.saturating_sub(3), (to + 3).min(last));
     let long_s = sightings[far].time_s - sightings[near].time_s;
     let way = centres[far].xy() - centres[near].xy();
-    let ahead = way.dot(&nalgebra::Vector2::new(heading.cos(), heading.sin()));
+    let ahead = way.dot(&Vector2::new(heading.cos(), heading.sin()));
     let speed = if place.stand.is_some() || long_s <= 0.0 { 0.0 } else { ahead / long_s };
     (Vector3::new(centre.x, centre.y, heading), speed)
+}
+
+/// Determines the front from keypoints and motion. `axes` holds one continuous axis per detection (rad), and `places`
+/// one smoothed pose (x, y, heading).
+fn facing(sightings: &[Sighting], axes: &[f64], places: &[Vector3<f64>]) -> Facing {
+    let odds = keypoint_odds(sightings, axes) + motion_odds(sightings, axes, places);
+    Facing { reversed: odds < 0.0, known: odds.abs() >= KNOWN_ODDS, drove: false }
+}
+
+/// Returns the log odds of the keypoints: positive where the axes point to the front.
+fn keypoint_odds(sightings: &[Sighting], axes: &[f64]) -> f64 {
+    let (mut sum, mut total) = (0.0, 0.0);
+    for (sighting, axis) in sightings.iter().zip(axes).filter(|(sighting, _)| !sighting.from_box) {
+        let weight = 1.0 / (sighting.covariance[(2, 2)] + 0.05);
+        sum += weight * angle_difference(sighting.pose.z, *axis).cos().signum();
+        total += weight;
+    }
+    if total > 0.0 { KEYPOINT_ODDS * sum / total } else { 0.0 }
+}
+
+/// Returns the log odds of the motion: positive where the axes point to the front.
+fn motion_odds(sightings: &[Sighting], axes: &[f64], places: &[Vector3<f64>]) -> f64 {
+    // A change from a position by keypoints to one by box is no motion. Only the more frequent kind counts.
+    let by_box = 2 * sightings.iter().filter(|sighting| sighting.from_box).count() > sightings.len();
+    let mut alike = (0..places.len()).filter(|i| sightings[*i].from_box == by_box);
+    let Some(mut from) = alike.next() else { return 0.0 };
+    let ahead = |from: usize, to: usize| {
+        let axis = (axes[from] + axes[to]) / 2.0;
+        (places[to].xy() - places[from].xy()).dot(&Vector2::new(axis.cos(), axis.sin()))
+    };
+    let mut odds = 0.0;
+    for to in alike {
+        if (places[to].xy() - places[from].xy()).norm() >= STILL_M {
+            odds += ODDS_PER_M * ahead(from, to);
+            from = to;
+        }
+    }
+    odds
 }

@@ -4,20 +4,18 @@ use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{CarRef, assign, bbox_iou};
 
 use crate::{
-    CarMeasurement, FrameMeasurements, HeldCar, Scene, SeenAgain, TrackOptions, Tracks,
+    CarMeasurement, FrameMeasurements, HeldCar, Scene, SeenAgain, TrackOptions, TrackStep, Tracks,
     complete::complete,
-    expected::{ALONE, Expected, SURE_OVERLAP},
+    expected::{Expected, SURE_OVERLAP},
+    filter::POSE_FLOOR_M,
     frames::{BoxesByFrame, Frames},
     measurement::Sighting,
+    noise::MIN_SIGHTINGS,
     raw_track::{FEWEST, RawTrack, same_car},
     shape::ShapeSum,
 };
 
-/// Number of inference frames within which a new track must be confirmed by [`FEWEST`] detections.
-const CONFIRM_FRAMES: usize = 5;
-/// Least sd of a measured position, m: no measurement is better than this.
-const POSE_FLOOR_M: f64 = 0.02;
-/// Least sd of a measured heading, rad: no measurement is better than this.
+/// Least sd of a measured heading, rad: no measurement is better.
 const POSE_FLOOR_RAD: f64 = 0.005;
 
 /// A track that may continue.
@@ -57,7 +55,7 @@ impl Live {
 
     /// Whether it was detected often enough not to be a false alarm.
     fn is_confirmed(&self, options: &TrackOptions) -> bool {
-        self.known || !options.steps.confirm || self.raw.observations.len() >= FEWEST
+        self.known || !options.takes(TrackStep::Confirm) || self.raw.observations.len() >= FEWEST
     }
 
     /// Adds a detection that is carried over: the car is in the position of its last measurement.
@@ -158,7 +156,7 @@ impl Tracker {
         // Tracks with a detection of their own take no other box.
         let has_own: Vec<bool> =
             held.iter().zip(&again).map(|(held, again)| *held || again.is_some()).collect();
-        let pairs = assign(self.live.len(), cars.len(), ALONE, |l, c| {
+        let pairs = assign(self.live.len(), cars.len(), 1.0, |l, c| {
             if has_own[l] { f64::INFINITY } else { self.live[l].expected.cost(&observations[c]) }
         });
         let look = |c: usize| CarRef { frame: frame.stamp.index, car: cars[c].car };
@@ -209,7 +207,7 @@ impl Tracker {
         let options = &self.options;
         let (dead, live) = std::mem::take(&mut self.live).into_iter().partition(|live: &Live| {
             if !live.is_confirmed(options) {
-                return looks + 1 - live.born >= CONFIRM_FRAMES || live.missed + FEWEST > CONFIRM_FRAMES;
+                return looks + 1 - live.born >= MIN_SIGHTINGS || live.missed + FEWEST > MIN_SIGHTINGS;
             }
             // Inference frames may be rare, so a track may miss one of them.
             live.missed > 1 && live.expected.is_lost(time_s)

@@ -11,22 +11,19 @@
 //! κ' − κ              ~ CURVATURE_SD, less for long vehicles
 //! ```
 //!
-//! Each residual has the variance sd² dt, with the sd named after the tilde, plus a small floor (`STEP_FLOOR`). A
-//! stationary car (v = 0) keeps its position and heading by the same equations. The measured point is the car's origin,
+//! Each residual has the variance sd² dt, with the sd named after the tilde. A stationary car (v = 0) keeps its position and heading by the same equations. The measured point is the car's origin,
 //! which lies half a wheelbase l ahead: `(x, y) + l (cos θ, sin θ)`.
 
 use nalgebra::{Matrix3, Matrix3x5, Matrix5, Vector3, Vector5};
 use roadplane_base::{StudentT, fold_axis};
 
-use crate::chain::Blocks;
+use crate::{chain::Blocks, descent::descend, noise::VIEW_S};
 
 /// The state (x, y, θ, v, κ) of a node: m, m, rad, m/s, 1/m.
 pub(crate) type State = Vector5<f64>;
 
 /// Distribution of a measurement's residuals. Half-hidden cars give some poses that are far off.
 pub(crate) const SCATTER: StudentT = StudentT { dimensions: 3.0 };
-/// Least sd of a step, in the units of the state. A straight drive is not exactly straight.
-const STEP_FLOOR: [f64; 5] = [1e-3, 1e-3, 1e-4, 1e-3, 1e-4];
 /// Sd of the turning that the path does not explain, rad within 1 s.
 const TURN: f64 = 0.02;
 /// Sd of the sideways slip within 1 s, m. It grows with the square root of time.
@@ -38,10 +35,6 @@ const SPEED_CHANGE: f64 = 1.0;
 const CURVATURE_SD: f64 = 0.1;
 /// Distance from the rear axle to a car's origin, m.
 pub(crate) const HALF_WHEELBASE_M: f64 = 1.35;
-/// Weight of the curvature's prior at one node, without unit. Neighbouring nodes share one prior.
-const BEND_WEIGHT: f64 = 0.05;
-/// Largest number of Levenberg–Marquardt rounds.
-const MAX_ROUNDS: usize = 40;
 
 /// A point of the path at which the state is estimated.
 #[derive(Clone, Debug)]
@@ -85,34 +78,21 @@ pub(crate) fn residual(state: &State, measured: &Vector3<f64>, half_wheelbase_m:
     Vector3::new(d.x, d.y, fold_axis(d.z))
 }
 
+/// Returns the states after a step.
+pub(crate) fn moved(states: &[State], step: &[State]) -> Vec<State> {
+    states.iter().zip(step).map(|(state, step)| state + step).collect()
+}
+
 impl Vehicle<'_> {
-    /// Solves by Levenberg–Marquardt. Returns the states and their covariances, or `None` where the problem is
+    /// Solves the problem. Returns the states and their covariances, or `None` where the problem is
     /// singular.
     pub(crate) fn solve(&self, start: Vec<State>) -> Option<(Vec<State>, Vec<Matrix5<f64>>)> {
-        let mut states = start;
-        let mut cost = self.cost(&states);
-        let mut damping = 1e-6;
-        for _ in 0..MAX_ROUNDS {
-            let blocks = self.blocks(&states);
-            let mut gained = None;
-            while damping < 1e9 {
-                if let Some(step) = blocks.step(damping) {
-                    let trial: Vec<State> = states.iter().zip(&step).map(|(s, d)| s + d).collect();
-                    let reached = self.cost(&trial);
-                    if reached <= cost {
-                        gained = Some(cost - reached);
-                        (states, cost) = (trial, reached);
-                        damping = (damping * 0.1).max(1e-9);
-                        break;
-                    }
-                }
-                damping *= 10.0;
-            }
-            match gained {
-                Some(gain) if gain > 1e-9 * (1.0 + cost) => {}
-                _ => break,
-            }
-        }
+        let states = descend(
+            start,
+            |states| Some(self.cost(states)),
+            |states| Some(self.blocks(states)),
+            |states, blocks, damping| Some(moved(states, &blocks.step(damping)?)),
+        )?;
         let covariances = self.blocks(&states).covariances()?;
         Some((states, covariances))
     }
@@ -120,12 +100,12 @@ impl Vehicle<'_> {
     /// Returns the negative log posterior of the states, up to a constant.
     pub(crate) fn cost(&self, states: &[State]) -> f64 {
         let mut total = 0.0;
-        for (node, state) in self.nodes.iter().zip(states) {
+        for (i, (node, state)) in self.nodes.iter().zip(states).enumerate() {
             if let Some((measured, information)) = &node.measured {
                 let d = residual(state, measured, self.half_wheelbase_m);
                 total += SCATTER.cost(d.dot(&(information * d)));
             }
-            let precision = self.prior(node);
+            let precision = self.prior(i);
             total += 0.5 * state.component_mul(state).dot(&precision);
         }
         for i in 1..states.len() {
@@ -148,7 +128,7 @@ impl Vehicle<'_> {
                 blocks.diagonal[i] += weighted * jacobian;
                 blocks.gradient[i] -= weighted * d;
             }
-            let precision = self.prior(node);
+            let precision = self.prior(i);
             blocks.diagonal[i] += Matrix5::from_diagonal(&precision);
             blocks.gradient[i] += precision.component_mul(state);
         }
@@ -171,23 +151,26 @@ impl Vehicle<'_> {
         HALF_WHEELBASE_M / self.half_wheelbase_m
     }
 
-    /// Returns the time from the node before to the node `to`, s.
+    /// Returns the time from the node before to the node `to`, s; that beyond an end of the path is a short one.
     fn gap_s(&self, to: usize) -> f64 {
-        (self.nodes[to].span_s[0] - self.nodes[to - 1].span_s[1]).max(1e-3)
+        let ends = to.checked_sub(1).and_then(|from| Some((self.nodes.get(from)?, self.nodes.get(to)?)));
+        ends.map_or(0.0, |(from, to)| to.span_s[0] - from.span_s[1]).max(1e-3)
     }
 
-    /// Returns the precisions of a state's prior, whose mean is 0. No path curves like a corkscrew, no road car drives
-    /// 60 m/s, and a stationary car has no speed.
-    fn prior(&self, node: &Node) -> State {
-        let speed = if node.parked { STEP_FLOOR[3] } else { 30.0 };
+    /// Returns the precisions of the prior of a node's state, whose mean is 0. No path curves like a corkscrew, no road car
+    /// drives 60 m/s, and a stationary car has no speed. All nodes within [`VIEW_S`] share one prior of the curvature.
+    fn prior(&self, i: usize) -> State {
+        let speed: f64 = if self.nodes[i].parked { 1e-3 } else { 30.0 };
         let bend = CURVATURE_SD * self.bend();
-        State::new(0.0, 0.0, 0.0, speed.powi(-2), BEND_WEIGHT * bend.powi(-2))
+        let around_s = self.gap_s(i) + self.gap_s(i + 1);
+        let share = (around_s / (2.0 * VIEW_S)).min(1.0);
+        State::new(0.0, 0.0, 0.0, speed.powi(-2), share * bend.powi(-2))
     }
 
     /// Returns the precisions of a step's residual over a time in s.
     fn step_precision(&self, dt: f64) -> State {
         let sd = [SLIP_M, SLIP_M, TURN, SPEED_CHANGE, CURVATURE_SD * self.bend()];
-        State::from_fn(|i, _| 1.0 / (sd[i] * sd[i] * dt + STEP_FLOOR[i] * STEP_FLOOR[i]))
+        State::from_fn(|i, _| 1.0 / (sd[i] * sd[i] * dt))
     }
 }
 

@@ -4,20 +4,18 @@ use nalgebra::{Matrix3, Matrix5, Vector3};
 
 use crate::{
     box_motion::COAST_S,
-    facing::Facing,
+    filter::MOTION_S,
     measurement::Sighting,
-    noise::{Noise, given_heading},
+    noise::{Noise, VIEW_S, given_heading},
     parked::{Stand, stand},
-    start::start,
+    raw_track::RawTrack,
+    start::{Facing, start},
     stops::{Run, find_runs},
     vehicle::{Node, State, Vehicle, origin, residual},
 };
 
 /// Longest step of the motion model, s. Longer gaps get nodes in between.
-const MAX_STEP_S: f64 = 0.25;
-/// Time over which the keypoint bias of a driving car stays the same, s. Then the car is seen from another direction.
-const BIAS_S: f64 = 2.0;
-
+const MAX_STEP_S: f64 = MOTION_S / 2.0;
 /// Number of times that the noise is measured again around the smoothed path.
 const NOISE_PASSES: usize = 3;
 
@@ -85,7 +83,8 @@ pub(crate) struct Way {
 impl Way {
     /// Estimates the path from measured poses; `None` where that is impossible. `times_s` holds the time of every
     /// frame.
-    pub(crate) fn by_poses(sightings: &[Sighting], times_s: &[f64], half_wheelbase_m: f64) -> Option<Self> {
+    pub(crate) fn by_poses(track: &RawTrack, times_s: &[f64]) -> Option<Self> {
+        let (sightings, half_wheelbase_m) = (&track.observations, track.half_wheelbase_m());
         let runs = find_runs(sightings);
         let places = places(sightings, times_s, &runs);
         let (mut nodes, facing) = start(sightings, &places, half_wheelbase_m);
@@ -202,8 +201,8 @@ fn white(sightings: &[Sighting], place: &Place, seen: &Sighting, noise: Noise) -
 /// Returns the number of detections that share a driving car's keypoint bias with this one.
 pub(crate) fn per_view(sightings: &[Sighting], index: usize) -> f64 {
     let time_s = sightings[index].time_s;
-    let from = sightings.partition_point(|o| o.time_s < time_s - BIAS_S / 2.0);
-    let to = sightings.partition_point(|o| o.time_s <= time_s + BIAS_S / 2.0);
+    let from = sightings.partition_point(|o| o.time_s < time_s - VIEW_S / 2.0);
+    let to = sightings.partition_point(|o| o.time_s <= time_s + VIEW_S / 2.0);
     sightings[from..to].iter().filter(|o| !o.held).count().max(1) as f64
 }
 

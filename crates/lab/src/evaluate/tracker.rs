@@ -13,10 +13,11 @@ use std::path::PathBuf;
 use roadplane_base::ShapeAtlas;
 use roadplane_pipeline::{CameraConstraints, Cancel, Config, PipelineError, Progress};
 use roadplane_tables::Report;
+use roadplane_track::TrackStep;
 use roadplane_write::OutFile;
 
 use claims::{Claim, claims_csv, existence_claims, join_claims, reliability_table};
-use layers::{layers_table, variants};
+use layers::{VARIANTS, layers_table};
 pub use noise::Noise;
 
 use crate::LabError;
@@ -63,11 +64,11 @@ pub fn evaluate_tracker(
     let clips = read_clips(clips)?;
     let title = "Tracks from noisy measurements".to_owned();
     if options.layers {
-        progress.expect(Some((clips.len() * variants().len()) as u64));
+        progress.expect(Some((clips.len() * VARIANTS.len()) as u64));
         let mut scores = Vec::new();
-        for (_, steps) in variants() {
+        for (_, without) in VARIANTS {
             let mut config = config.clone();
-            config.track.steps = steps;
+            config.track.without = without;
             let scored = score_clips(&clips, options, &config, cancel, progress)?;
             scores.push(scored.into_iter().map(|scored| scored.score).collect());
         }
@@ -76,7 +77,7 @@ pub fn evaluate_tracker(
     progress.expect(Some(clips.len() as u64));
     // The probability of a join is fitted to all joins, also to those that it cuts.
     let mut config = config.clone();
-    config.track.steps.cut = options.joins.is_none();
+    config.track.without = options.joins.is_some().then_some(TrackStep::Cut);
     let scored = score_clips(&clips, options, &config, cancel, progress)?;
     let (mut scores, mut existence, mut joins) = (Vec::new(), Vec::new(), Vec::new());
     for scored in scored {

@@ -9,9 +9,9 @@ use roadplane_geo::Place;
 use roadplane_write::TrackFiles;
 
 use crate::PipelineError;
+use crate::activities::{add_events, label_rows, write_events};
 use crate::estimation::RowSink;
 use crate::tracks::TimeChunk;
-use crate::tracks::activities::{add_events, label_rows, write_events};
 
 /// Least time between two rows of a track that are kept for drawing, s, if the vehicle is observed in the later row.
 /// This limit applies only to long clips, which are split into several time chunks.

@@ -12,7 +12,7 @@ use roadplane_measure::{FrameCamera, Knowledge, fit_frame, ground_contact, hidde
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
 use roadplane_track::{
     BoxSighting, CarMeasurement, Clock, FrameMeasurements, HeldCar, SeenAgain, ShapeBelief, Track,
-    TrackOptions, Tracker, Tracks,
+    TrackOptions, TrackStep, Tracker, Tracks,
 };
 
 use crate::cameras::camera_track::CameraTrack;
@@ -145,7 +145,9 @@ impl Pass<'_> {
                     Some(measured) => {
                         let known = known.is_some();
                         let rms_share = |fit: &CarFit| fit.car.reprojection_rms_px / record.longer_side_px();
-                        let fit_rms_share = fit.as_ref().map(rms_share).filter(|share| share.is_finite());
+                        let share = fit.as_ref().map(rms_share).filter(|share| share.is_finite());
+                        // Fits that are not valid are all alike.
+                        let fit_rms_share = share.map(|share| share.min(limits.max_rms_share));
                         cars.push(CarMeasurement { cut, hidden, known, fit_rms_share, ..measured });
                     }
                     None => {
@@ -229,7 +231,7 @@ impl Pass<'_> {
     ) -> BoxSighting {
         let class = car.map_or(VehicleClass::Car, |car| frame.cars[car].class);
         let others = frame.cars.iter().enumerate().filter(|(other, _)| Some(*other) != car);
-        let hidden = if self.config.track.steps.hidden_edges {
+        let hidden = if self.config.track.takes(TrackStep::HiddenEdges) {
             hidden_edges(&bbox_px, others.map(|(_, other)| &other.bbox_px))
         } else {
             [false; 4]

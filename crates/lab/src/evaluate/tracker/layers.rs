@@ -5,25 +5,22 @@ use roadplane_metrics::hota::HotaCounts;
 use roadplane_metrics::identity::Identity;
 use roadplane_metrics::scoring::TrackScore;
 use roadplane_tables::{Cell, Column, Table, bootstrap, mean};
-use roadplane_track::TrackSteps;
+use roadplane_track::TrackStep;
 
-/// Returns the rows of the table: the name of the row, and the steps of the tracker in that row.
-pub(super) fn variants() -> Vec<(&'static str, TrackSteps)> {
-    let all = TrackSteps::default();
-    vec![
-        ("all steps", all),
-        ("new tracks not confirmed", TrackSteps { confirm: false, ..all }),
-        ("no merging of tracks", TrackSteps { merge: false, ..all }),
-        ("no links over gaps", TrackSteps { link: false, ..all }),
-        ("improbable links, too", TrackSteps { cut: false, ..all }),
-        ("all tracks exist", TrackSteps { existence: false, ..all }),
-        ("no tracklets of free boxes", TrackSteps { boxes: false, ..all }),
-        ("path and size not together", TrackSteps { by_boxes: false, ..all }),
-        ("no second pass", TrackSteps { second_pass: false, ..all }),
-        ("no hidden edges", TrackSteps { hidden_edges: false, ..all }),
-        ("boxes of others not checked", TrackSteps { own_boxes: false, ..all }),
-    ]
-}
+/// The rows of the table: the name of the row, and the step of the tracker that is left out there.
+pub(super) const VARIANTS: [(&str, Option<TrackStep>); 11] = [
+    ("all steps", None),
+    ("new tracks not confirmed", Some(TrackStep::Confirm)),
+    ("no merging of tracks", Some(TrackStep::Merge)),
+    ("no links over gaps", Some(TrackStep::Link)),
+    ("improbable links, too", Some(TrackStep::Cut)),
+    ("all tracks exist", Some(TrackStep::Existence)),
+    ("no tracklets of free boxes", Some(TrackStep::Boxes)),
+    ("path and size not together", Some(TrackStep::ByBoxes)),
+    ("no second pass", Some(TrackStep::SecondPass)),
+    ("no hidden edges", Some(TrackStep::HiddenEdges)),
+    ("boxes of others not checked", Some(TrackStep::OwnBoxes)),
+];
 
 /// Figures of a clip's tracks, on the ground after the fit of one scale.
 #[derive(Clone, Copy)]
@@ -46,7 +43,7 @@ impl Figures {
     }
 }
 
-/// Returns the table of the steps' effects. `scores` has the scores of all clips for each of the [`variants`].
+/// Returns the table of the steps' effects. `scores` has the scores of all clips for each of the [`VARIANTS`].
 pub(super) fn layers_table(scores: &[Vec<TrackScore>]) -> Table {
     let columns = [
         ("HOTA fitted, %", 1),
@@ -66,7 +63,7 @@ pub(super) fn layers_table(scores: &[Vec<TrackScore>]) -> Table {
     );
     let figures: Vec<Vec<Figures>> =
         scores.iter().map(|clips| clips.iter().map(Figures::of).collect()).collect();
-    for ((name, _), own) in variants().into_iter().zip(&figures) {
+    for ((name, _), own) in VARIANTS.into_iter().zip(&figures) {
         let average = |of: fn(&Figures) -> f64| mean(&own.iter().map(of).collect::<Vec<_>>());
         let more = |of: fn(&Figures) -> f64| {
             let pairs = own.iter().zip(&figures[0]);

@@ -9,7 +9,7 @@ use roadplane_write::{JsonLines, TableFormat, TableRow, WriteError, read_table, 
 use serde_json::Value;
 
 use crate::stream::nets::open_activity;
-use crate::tracks::stretch::TimeChunk;
+use crate::tracks::TimeChunk;
 use crate::{Cancel, Config, PipelineError};
 
 /// Greatest sd of a row's own position, m. The net was trained on such sds.
@@ -56,18 +56,17 @@ pub(crate) fn label_rows(net: &mut ActivityNet, rows: &mut [TrackRow]) -> Result
 
 /// Adds the events of a time chunk, cut to the chunk's own time. An event that continues over the chunk's beginning
 /// stays one event.
-pub(crate) fn add_events(events: &mut Vec<Event>, told: Vec<Event>, stretch: TimeChunk) {
+pub(crate) fn add_events(events: &mut Vec<Event>, found: Vec<Event>, chunk: TimeChunk) {
     let duration_s = |event: &Event| event.to_s - event.from_s;
-    for event in told {
-        let own =
-            Event { from_s: event.from_s.max(stretch.from_s), to_s: event.to_s.min(stretch.to_s), ..event };
-        if own.from_s > own.to_s || (own.from_s == own.to_s && own.to_s == stretch.to_s) {
+    for event in found {
+        let own = Event { from_s: event.from_s.max(chunk.from_s), to_s: event.to_s.min(chunk.to_s), ..event };
+        if own.from_s > own.to_s || (own.from_s == own.to_s && own.to_s == chunk.to_s) {
             continue;
         }
         let goes_on = |before: &&mut Event| {
-            (before.track, before.activity, before.to_s) == (own.track, own.activity, stretch.from_s)
+            (before.track, before.activity, before.to_s) == (own.track, own.activity, chunk.from_s)
         };
-        let before = if own.from_s == stretch.from_s { events.iter_mut().find(goes_on) } else { None };
+        let before = if own.from_s == chunk.from_s { events.iter_mut().find(goes_on) } else { None };
         match before {
             Some(before) => {
                 let (a, b) = (duration_s(before), duration_s(&own));
