@@ -133,7 +133,8 @@ struct Bordered {
 }
 
 impl<S: Scene> ByBoxes<'_, S> {
-    /// Solves the problem, starting from the states of a path. Returns `None` where boxes and path contradict each other.
+    /// Solves the problem, starting from the states of a path. Returns `None` where boxes and path contradict each
+    /// other.
     pub(crate) fn solve(&self, mut states: Vec<State>) -> Option<Solved> {
         let mut shared = Shared::zeros();
         shared.fixed_rows_mut::<3>(0).copy_from(&self.start_m);

@@ -5,9 +5,9 @@ pub(crate) const MAX_ROUNDS: usize = 40;
 /// Least gain of a round, in units of the cost. A descent ends where a round gains less.
 const LEAST_GAIN: f64 = 1e-4;
 
-/// Minimises `cost`, a negative log posterior, from the unknowns `at` on. `linear` returns the normal equations there, and
-/// `moved` the unknowns after the step with a damping. Returns `None` where the start has no cost, or where the normal
-/// equations fail.
+/// Minimises `cost`, a negative log posterior, from the unknowns `at` on. `linear` returns the normal equations there,
+/// and `moved` the unknowns after the step with a damping. Returns `None` where the start has no cost, or where the
+/// normal equations fail.
 pub(crate) fn descend<U, N>(
     mut at: U,
     cost: impl Fn(&U) -> Option<f64>,

@@ -13,7 +13,8 @@ use crate::{
 pub(crate) const HIDDEN_S: f64 = 60.0;
 /// Least overlap (IoU) of a stationary car's box with the box of a detection.
 const MIN_OVERLAP: f64 = 0.25;
-/// Half the width of a lane, m. A position with a larger sd says little, and boxes must then overlap. It is also the sd of the distance between tracklets that begin at one place.
+/// Half the width of a lane, m. A position with a larger sd says little, and boxes must then overlap. It is also the sd
+/// of the distance between tracklets that begin at one place.
 pub(crate) const HALF_LANE_M: f64 = 1.5;
 /// Overlap (IoU) of boxes that makes a pair, even where the pose is wrong.
 pub(crate) const SURE_OVERLAP: f64 = 0.5;
@@ -68,7 +69,8 @@ impl Expected {
         (self.motion.unseen_s(time_s) <= COAST_S).then(|| self.motion.at(time_s))
     }
 
-    /// Returns the cost of a detection: 0 for a perfect match, 1 and more for none. Pose and overlap cost up to 0.5 each.
+    /// Returns the cost of a detection: 0 for a perfect match, 1 and more for none. Pose and overlap cost up to 0.5
+    /// each.
     pub(crate) fn cost(&self, sighting: &Sighting) -> f64 {
         let distance = self.filter.distance(&sighting.pose, &sighting.covariance, sighting.time_s);
         let near = (distance / GATE).min(1.0);

@@ -63,8 +63,8 @@ pub struct CarMeasurement {
     pub known: bool,
     /// Length, width and height (m) and their sds (m), of a vehicle that the shape model does not cover.
     pub dims_m: Option<[Vector3<f64>; 2]>,
-    /// Distance (rms) of a car's keypoints from their projections, as a share of the box's longer side, at most that of a
-    /// valid fit. It is there even where the pose comes from the box; `None` without keypoints.
+    /// Distance (rms) of a car's keypoints from their projections, as a share of the box's longer side, at most that of
+    /// a valid fit. It is there even where the pose comes from the box; `None` without keypoints.
     pub fit_rms_share: Option<f64>,
 }
 

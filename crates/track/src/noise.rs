@@ -22,13 +22,13 @@ pub(crate) const COMMON_SHARE: f64 = 0.5;
 /// Keypoints on another car move the pose by more than the distances to their projections show. Maximum likelihood (t
 /// distribution) over the poses of 15 rendered clips with the true camera, each car with the same weight: 4.5.
 const MISFIT_GROWTH: f64 = 4.5;
-/// Time for which a driving car is seen from about the same direction, s. The bias of its keypoints stays the same in this
-/// time, and the curve of its path, too.
+/// Time for which a driving car is seen from about the same direction, s. The bias of its keypoints stays the same in
+/// this time, and the curve of its path, too.
 pub(crate) const VIEW_S: f64 = 2.0;
 /// Number of sds from which on a value is significant. At such a distance, an outlier of the clock has half a weight.
 pub(crate) const SIGNIFICANT: f64 = 3.0;
-/// Least number of detections from which scatter is measured, and motion if the track has so many. It is also the number
-/// of inference frames within which a new track must be confirmed.
+/// Least number of detections from which scatter is measured, and motion if the track has so many. It is also the
+/// number of inference frames within which a new track must be confirmed.
 pub(crate) const MIN_SIGHTINGS: usize = 5;
 
 impl Noise {

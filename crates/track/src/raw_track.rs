@@ -11,6 +11,7 @@ use crate::{
 
 /// Least number of detections, coincidences or steps that are more than chance.
 pub(crate) const FEWEST: usize = 3;
+
 /// A track before smoothing.
 #[derive(Clone, Debug)]
 pub(crate) struct RawTrack {
@@ -41,7 +42,6 @@ pub(crate) struct Link {
 
 /// One number per class, in the order of [`VehicleClass::ALL`].
 pub(crate) type Votes = SVector<f64, { VehicleClass::ALL.len() }>;
-
 /// Distance from the rear axle to the origin of a vehicle that is no car, as a share of its length.
 const HALF_WHEELBASE_SHARE: f64 = 0.25;
 
@@ -184,8 +184,8 @@ pub(crate) fn same_car(a: &Sighting, b: &Sighting) -> bool {
 /// Whether cars in two poses (x, y, heading) would share more than half of their ground, and their boxes overlap.
 pub(crate) fn in_one_place(a: &Vector3<f64>, a_px: &[f64; 4], b: &Vector3<f64>, b_px: &[f64; 4]) -> bool {
     // The heading of either may be wrong.
-    let shared = covered_ground(a, b).min(covered_ground(b, a));
-    2.0 * shared > 1.0 && bbox_iou(a_px, b_px) > 0.0
+    let shared = || covered_ground(a, b).min(covered_ground(b, a));
+    bbox_iou(a_px, b_px) > 0.0 && 2.0 * shared() > 1.0
 }
 
 /// Returns the share of a car's ground that another car with the same heading would cover, 0–1.

@@ -11,8 +11,9 @@
 //! κ' − κ              ~ CURVATURE_SD, less for long vehicles
 //! ```
 //!
-//! Each residual has the variance sd² dt, with the sd named after the tilde. A stationary car (v = 0) keeps its position and heading by the same equations. The measured point is the car's origin,
-//! which lies half a wheelbase l ahead: `(x, y) + l (cos θ, sin θ)`.
+//! Each residual has the variance sd² dt, with the sd named after the tilde. A stationary car (v = 0) keeps its position
+//! and heading by the same equations. The measured point is the car's origin, which lies half a wheelbase l ahead:
+//! `(x, y) + l (cos θ, sin θ)`.
 
 use nalgebra::{Matrix3, Matrix3x5, Matrix5, Vector3, Vector5};
 use roadplane_base::{StudentT, fold_axis};
@@ -84,8 +85,7 @@ pub(crate) fn moved(states: &[State], step: &[State]) -> Vec<State> {
 }
 
 impl Vehicle<'_> {
-    /// Solves the problem. Returns the states and their covariances, or `None` where the problem is
-    /// singular.
+    /// Solves the problem. Returns the states and their covariances, or `None` where the problem is singular.
     pub(crate) fn solve(&self, start: Vec<State>) -> Option<(Vec<State>, Vec<Matrix5<f64>>)> {
         let states = descend(
             start,
@@ -157,8 +157,9 @@ impl Vehicle<'_> {
         ends.map_or(0.0, |(from, to)| to.span_s[0] - from.span_s[1]).max(1e-3)
     }
 
-    /// Returns the precisions of the prior of a node's state, whose mean is 0. No path curves like a corkscrew, no road car
-    /// drives 60 m/s, and a stationary car has no speed. All nodes within [`VIEW_S`] share one prior of the curvature.
+    /// Returns the precisions of the prior of a node's state, whose mean is 0. No path curves like a corkscrew, no road
+    /// car drives 60 m/s, and a stationary car has no speed. All nodes within [`VIEW_S`] share one prior of the
+    /// curvature.
     fn prior(&self, i: usize) -> State {
         let speed: f64 = if self.nodes[i].parked { 1e-3 } else { 30.0 };
         let bend = CURVATURE_SD * self.bend();
