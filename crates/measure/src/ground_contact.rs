@@ -14,7 +14,7 @@ use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3, Vector4};
 use roadplane_base::{GroundPose, VehicleClass, bbox_cut, bbox_foot, fold_axis};
 
 use crate::edge::{EDGE_SD_PX, EDGE_SD_SHARE, OUTLINE_SD, OUTWARD};
-use crate::{Body, FrameCamera, LEAST_M, body_box, body_of, either};
+use crate::{Body, FrameCamera, body_box, body_of, either};
 
 /// Number of headings that are tried in half a turn.
 const HEADINGS: usize = 8;
@@ -163,9 +163,8 @@ impl Seen<'_> {
         let mut here = self.linear(&place, &precision)?;
         for _ in 0..ROUNDS {
             let mut trial = place - here.information.cholesky()?.solve(&here.gradient);
-            for i in 2..5 {
-                trial[i] = trial[i].max(LEAST_M);
-            }
+            let least = self.body.least_m();
+            (0..3).for_each(|i| trial[2 + i] = trial[2 + i].max(least[i]));
             let Some(there) = self.linear(&trial, &precision) else { break };
             let gained = here.cost - there.cost;
             if gained.is_nan() || gained < 1e-3 {
@@ -299,6 +298,12 @@ mod tests {
                 let spread = found.covariance.fixed_view::<2, 2>(0, 0).into_owned();
                 let square = off.dot(&(spread.try_inverse().unwrap() * off));
                 assert!(square < 9.0 && off.norm() < 4.0, "{class:?} as {label:?}: {off:?}, {spread:?}");
+                if class == label {
+                    let body = body_of(class);
+                    let larger =
+                        (found.dims_m[0] - body.dims_m).component_div(&(body.at_sds_m(1.0) - body.dims_m));
+                    assert!(larger.amax() < 1.0, "{class:?}: {:?}", found.dims_m[0]);
+                }
             }
         }
     }

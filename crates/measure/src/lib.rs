@@ -23,7 +23,7 @@ mod ground_contact;
 mod hidden;
 mod outline;
 
-pub use body::{Body, LEAST_M, body_of, car_body};
+pub use body::{Body, body_of, car_body};
 pub use cars::{POSE_SD_RATIO, any_car, fit_frame};
 pub use edge::{Edge, OUTLINE_SD, OUTWARD, REACH, edge_sd_px};
 pub use fit_check::{FitLimits, overlap_inside, projected_box, usable};

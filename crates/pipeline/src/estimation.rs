@@ -14,7 +14,7 @@ use roadplane_write::{FrameReader, PoseLines, RunStatus, read_jsonl};
 
 use crate::cameras::camera_track::CameraTrack;
 use crate::cameras::estimate::{CameraInputs, optics_of};
-use crate::cameras::known::{contradiction, in_first_picture};
+use crate::cameras::known::{contradiction, in_first_picture, not_compared_in_words};
 use crate::cameras::memory::CameraHistory;
 use crate::not_followed::{FollowCount, NotFollowed};
 use crate::tracks::known::tracked_cars;
@@ -221,6 +221,7 @@ pub(crate) fn solve_constrained_clip(
     let on_constraints: Vec<String> = on_frames
         .into_iter()
         .chain(contradictions)
+        .chain(not_compared_in_words(cameras.not_compared))
         .chain(constraints.silent_later().filter(|_| cameras.moves() > 0))
         .collect();
     let not_followed = follow.finish();

@@ -10,7 +10,7 @@
 
 use nalgebra::{Matrix5, SMatrix, SVector, Vector3, Vector4, Vector5};
 use roadplane_base::{FrameStamp, GroundPose, VehicleClass, upper_median};
-use roadplane_measure::{Body, Edge, LEAST_M, OUTLINE_SD, OUTWARD, REACH, STEP, edge_sd_px};
+use roadplane_measure::{Body, Edge, OUTLINE_SD, OUTWARD, REACH, STEP, edge_sd_px};
 
 use crate::{
     Scene,
@@ -146,7 +146,7 @@ impl<S: Scene> ByBoxes<'_, S> {
                 |(states, shared), system, damping| {
                     let (step, shared_step) = system.step(damping)?;
                     let mut shared = shared + shared_step;
-                    (0..3).for_each(|i| shared[i] = shared[i].max(LEAST_M));
+                    (0..3).for_each(|i| shared[i] = shared[i].max(self.body.least_m()[i]));
                     Some((moved(states, &step), shared))
                 },
             )?;

@@ -179,6 +179,7 @@ impl<S: Scene> Completion<'_, S> {
                 states.get(seen.frame - first).map(|state| Vector2::new(state.pose.x_m, state.pose.y_m))
             };
             let Some(evidence) = self.evidence(&raw, at) else { continue };
+            let evidence = evidence.with_states(&states);
             if !self.options.takes(TrackStep::Existence)
                 || evidence.probability() >= self.options.min_exists_p
             {

@@ -6,17 +6,22 @@
 //! `scripts/train/tracks` fits the model by maximum likelihood. `models/tracks.json` has the weights, and
 //! `models/tracks.md` the data, the method and the reliability.
 
+use std::f64::consts::TAU;
+
 use nalgebra::{SVector, Vector2};
 use roadplane_base::{VehicleClass, bbox_iou};
 
 use crate::{
-    filter::MOTION_S,
+    TrackState,
+    filter::{MOTION_S, SPEED_SD, STANDING_MPS, STANDING_SHARE},
     measurement::Sighting,
     numbers::{FEATURES, NUMBERS, sigmoid},
 };
 
 /// Scale of a displacement, m. Far away, positions of stationary objects jitter by about as much.
 const MOVED_M: f64 = 3.0;
+/// Mean and sd of the speed of people who walk, m/s (Weidmann 1993, "Transporttechnik der Fussgänger").
+const WALKING_MPS: (f64, f64) = (1.34, 0.26);
 
 /// All that is known of a track that shows whether it is a vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,6 +38,8 @@ pub struct Evidence {
     pub log_rms: f64,
     /// Height above that of the site's mean car, m.
     pub above_car_m: f64,
+    /// Probability that a motorcycle rides and is no walking people, 0–1; 1 for other classes.
+    pub rides_p: f64,
 }
 
 impl Evidence {
@@ -58,7 +65,20 @@ impl Evidence {
             fitted: log_rms.len() as f64 / measured.len() as f64,
             log_rms: mean(&log_rms),
             above_car_m,
+            rides_p: 1.0,
         })
+    }
+
+    /// Adds the evidence of the smoothed states. Nets take walking people for motorcycles, but their speed differs.
+    pub(crate) fn with_states(self, states: &[TrackState]) -> Self {
+        if self.class != VehicleClass::Motorcycle {
+            return self;
+        }
+        let fastest = states.iter().max_by(|a, b| a.speed_mps.abs().total_cmp(&b.speed_mps.abs()));
+        Self {
+            rides_p: fastest.map_or(1.0, |state| rides_p(state.speed_mps.abs(), state.speed_sd_mps)),
+            ..self
+        }
     }
 
     /// Returns the features of the model.
@@ -85,8 +105,22 @@ impl Evidence {
     /// Returns the probability that the track is a vehicle, 0–1.
     #[must_use]
     pub fn probability(&self) -> f64 {
-        sigmoid(self.log_odds())
+        self.rides_p * sigmoid(self.log_odds())
     }
+}
+
+/// Returns the probability that an object with this highest speed and its sd (m/s) is a vehicle and no walking people. In
+/// advance, both are as probable.
+fn rides_p(speed_mps: f64, sd_mps: f64) -> f64 {
+    // The density of a vehicle's speed, if both components of its velocity have this sd (Rayleigh distribution).
+    let vehicle = |sd: f64| {
+        let variance = sd.powi(2) + sd_mps.powi(2);
+        speed_mps / variance * (-0.5 * speed_mps.powi(2) / variance).exp()
+    };
+    let vehicle = STANDING_SHARE * vehicle(STANDING_MPS) + (1.0 - STANDING_SHARE) * vehicle(SPEED_SD);
+    let (mean, sd) = (WALKING_MPS.0, WALKING_MPS.1.hypot(sd_mps));
+    let walking = (-0.5 * ((speed_mps - mean) / sd).powi(2)).exp() / (TAU.sqrt() * sd);
+    if speed_mps > 0.0 { vehicle / (vehicle + walking) } else { 1.0 }
 }
 
 /// Returns the log odds of a score, 0–1.
@@ -118,6 +152,7 @@ mod tests {
         fitted: 1.0,
         log_rms: 0.0,
         above_car_m: 0.0,
+        rides_p: 1.0,
     };
 
     #[test]
@@ -138,6 +173,17 @@ mod tests {
         // The shape of other vehicles is no evidence.
         let bus = Evidence { class: VehicleClass::Bus, fitted: 0.0, ..CAR };
         assert_eq!(bus.features(), Evidence { fitted: 1.0, above_car_m: -0.7, ..bus }.features());
+    }
+
+    #[test]
+    fn people_walk_and_motorcycles_stand_or_ride() {
+        // Stationary, and as fast as vehicles whose speed is measured well or badly.
+        for (speed_mps, sd_mps) in [(0.0, 0.1), (0.1, 0.1), (0.3, 0.3), (4.3, 0.5), (5.0, 1.2), (30.0, 5.0)] {
+            assert!(rides_p(speed_mps, sd_mps) > 0.8, "{speed_mps} ± {sd_mps}");
+        }
+        for (speed_mps, sd_mps) in [(1.0, 0.1), (1.5, 0.5), (1.6, 0.3), (2.2, 0.5)] {
+            assert!(rides_p(speed_mps, sd_mps) < 0.2, "{speed_mps} ± {sd_mps}");
+        }
     }
 
     #[test]

@@ -15,6 +15,8 @@ pub(crate) const SPEED_SD: f64 = 8.0;
 /// Sd of each velocity component that a stationary vehicle seems to have, m/s. Below this speed, boxes show no direction
 /// of travel, and a vehicle that they place counts as stationary.
 pub(crate) const STANDING_MPS: f64 = 0.2;
+/// Share of vehicles that are stationary when they are first found, 0–1.
+pub(crate) const STANDING_SHARE: f64 = 0.1;
 /// Power of the axis' random turning, rad²/s.
 const TURN_POWER: f64 = 0.25;
 /// Least sd of a measured position, m: no measurement is better. A parked car wanders by as much in 1 s, while its

@@ -30,7 +30,7 @@ use roadplane_base::{assign, fold_axis, upper_median};
 
 use crate::{
     expected::{HALF_LANE_M, HIDDEN_S},
-    filter::{MOTION_S, SPEED_SD, STANDING_MPS, STILL_M, driven},
+    filter::{MOTION_S, SPEED_SD, STANDING_MPS, STANDING_SHARE, STILL_M, driven},
     join::{features, probability},
     measurement::Sighting,
     noise::COMMON_SHARE,
@@ -38,8 +38,6 @@ use crate::{
     raw_track::{Link, RawTrack, Votes},
 };
 
-/// Share of vehicles that are stationary when they are first found, 0–1.
-const STANDING_SHARE: f64 = 0.1;
 /// Mean time for which a stationary or creeping vehicle stays undetected, s (exponential distribution).
 const STANDS_S: f64 = 20.0;
 /// Mean time for which a driving vehicle stays undetected, s (exponential distribution).

@@ -22,6 +22,8 @@ pub struct CameraTrack {
     pub size_of_cars: f64,
     /// Each user constraint, compared with all other evidence.
     pub constraints: Vec<ConstraintSummary>,
+    /// Number of user constraints that hold at no position with an estimate, so that nothing is compared with them.
+    pub(crate) not_compared: usize,
     /// Vertical lines and turns, by camera position.
     pub scene: Vec<SceneView>,
     /// View of the picture of the empty scene; `None` if it does not show the last position of the camera.

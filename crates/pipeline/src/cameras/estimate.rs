@@ -215,14 +215,24 @@ impl CameraInputs<'_> {
             estimates.push(options.unobservable(span_s));
             tracing::warn!("the camera cannot be estimated from the cars of {} frames", clip.frame_count);
         }
-        let constraints = known.checked(size, |others| {
+        let (constraints, not_compared) = known.checked(size, |others| {
             let mut factors = factors_by_position(size, positions, others);
             for view in &cues {
                 view.add_factors(&mut factors);
             }
             join(&windows, &FuseOptions { factors, ..options.clone() }).estimates
         });
-        Some(CameraTrack { estimates, visits, evidence, size_of_cars, constraints, scene: cues, empty_scene })
+        let scene = cues;
+        Some(CameraTrack {
+            estimates,
+            visits,
+            evidence,
+            size_of_cars,
+            constraints,
+            not_compared,
+            scene,
+            empty_scene,
+        })
     }
 }
 

@@ -13,7 +13,7 @@ use roadplane_base::{Camera, ImageSize, Lens, PictureMotion};
 use roadplane_calibrate::{Factor, Length, Survey};
 use roadplane_write::{LengthConstraint, WriteError, read_constraints};
 
-pub(crate) use check::{contradiction, in_words as constraint_in_words};
+pub(crate) use check::{contradiction, in_words as constraint_in_words, not_compared_in_words};
 pub(crate) use frames::in_first_picture;
 pub use measured::Measured;
 

@@ -219,6 +219,7 @@ mod tests {
         fitted: 1.0,
         log_rms: 0.0,
         above_car_m: 0.0,
+        rides_p: 1.0,
     };
 
     /// Returns a track that is detected in these seconds as the car with index `car`.

@@ -19,28 +19,40 @@ impl CameraConstraints {
     /// Compares each constraint with the camera that all other evidence gives. `by` returns the estimates at the camera's
     /// positions from these constraints and the rest of the evidence.
     ///
-    /// A constraint is compared at a position for which it holds. There may be none with an estimate.
+    /// A constraint is compared at a position for which it holds. Also returns the number of constraints that hold at no
+    /// position with an estimate.
     pub(crate) fn checked(
         &self,
         size: ImageSize,
         by: impl Fn(&CameraConstraints) -> BTreeMap<usize, CameraEstimate>,
-    ) -> Vec<ConstraintSummary> {
-        let mut checked = Vec::new();
+    ) -> (Vec<ConstraintSummary>, usize) {
+        let (mut checked, mut not_compared) = (Vec::new(), 0);
         for (i, fact) in self.facts.iter().enumerate() {
             let mut others = self.clone();
             others.facts.remove(i);
             let holds_at = |position: &usize| *position == 0 || fact.holds_everywhere();
-            if let Some((_, camera)) = by(&others).into_iter().find(|(position, _)| holds_at(position)) {
-                checked.extend(fact.against(&camera, size, &others.seen_through(camera.lens)));
+            match by(&others).into_iter().find(|(position, _)| holds_at(position)) {
+                Some((_, camera)) => {
+                    checked.extend(fact.against(&camera, size, &others.seen_through(camera.lens)));
+                }
+                None => not_compared += 1,
             }
         }
-        checked
+        (checked, not_compared)
     }
 }
 
 /// Returns the contradiction in words; `None` where there is none.
 pub(crate) fn contradiction(known: &ConstraintSummary) -> Option<String> {
     (known.apart_sds > CONTRADICTS).then(|| format!("the {} is {}", known.what, in_words(known)))
+}
+
+/// Returns a warning about constraints that nothing is compared with; `None` if there are none.
+pub(crate) fn not_compared_in_words(count: usize) -> Option<String> {
+    (count > 0).then(|| {
+        let constraints = if count == 1 { "user constraint was" } else { "user constraints were" };
+        format!("{count} {constraints} not compared with cars and lines: none are visible where the camera then was")
+    })
 }
 
 /// Returns the constraint and the estimate from all other evidence in words.

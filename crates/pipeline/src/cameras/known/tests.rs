@@ -232,7 +232,7 @@ fn contradictions_are_told_by_what_everything_else_says() {
         status: CameraStatus::Estimated,
         ..FuseOptions::for_image(SIZE).unobservable([0.0, 1.0])
     };
-    let checked = known.checked(SIZE, |others| {
+    let (checked, _) = known.checked(SIZE, |others| {
         assert_eq!(others.facts.len(), 1);
         [(0, all_else.clone())].into()
     });
@@ -251,12 +251,13 @@ fn a_constraint_is_compared_at_a_position_for_which_it_holds() {
     };
     let known = CameraConstraints::new(&options).unwrap();
     let estimate = FuseOptions::for_image(SIZE).unobservable([0.0, 1.0]);
-    let names = |position: usize| -> Vec<String> {
-        let checked = known.checked(SIZE, |_| [(position, estimate.clone())].into());
-        checked.into_iter().map(|known| known.what).collect()
+    let names = |position: usize| -> (Vec<String>, usize) {
+        let (checked, not_compared) = known.checked(SIZE, |_| [(position, estimate.clone())].into());
+        (checked.into_iter().map(|known| known.what).collect(), not_compared)
     };
-    assert_eq!(names(0), ["tilt", "height"]);
-    assert_eq!(names(1), ["height"], "the tilt holds for the first position only");
+    assert_eq!(names(0), (vec!["tilt".to_owned(), "height".to_owned()], 0));
+    assert_eq!(names(1), (vec!["height".to_owned()], 1), "the tilt holds for the first position only");
+    assert!(not_compared_in_words(0).is_none() && not_compared_in_words(1).is_some());
 }
 
 #[test]
@@ -271,7 +272,7 @@ fn a_height_by_cars_is_as_uncertain_as_their_size() {
         };
         let fact = Fact::Camera { file: "camera.json".to_owned(), size: None, survey };
         let known = CameraConstraints { facts: vec![fact], ..CameraConstraints::default() };
-        let checked = known.checked(SIZE, |_| [(0, estimate.clone())].into());
+        let (checked, _) = known.checked(SIZE, |_| [(0, estimate.clone())].into());
         let height = checked.iter().find(|known| known.what.starts_with("height")).unwrap();
         height.given_sd / height.given
     };
