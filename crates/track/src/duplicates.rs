@@ -70,7 +70,8 @@ fn by_strength(mut tracks: Vec<RawTrack>) -> Vec<RawTrack> {
     tracks
 }
 
-/// Whether two tracks coincide: most of the weaker track's detections during the stronger track's life. `same` compares a detection of the stronger track with one of the weaker.
+/// Whether two tracks coincide: most of the weaker track's detections during the stronger track's life. `same` compares
+/// a detection of the stronger track with one of the weaker.
 fn coincide(strong: &RawTrack, weak: &RawTrack, same: impl Fn(&Sighting, &Sighting) -> bool) -> bool {
     let together: Vec<&Sighting> = weak.observations.iter().filter(|o| lives(strong, o.time_s)).collect();
     let shared = together.iter().filter(|o| at(strong, o).is_some_and(|near| same(near, o))).count();

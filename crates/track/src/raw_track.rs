@@ -1,7 +1,7 @@
 //! Tracks before smoothing, and the tests whether two detections are of one car.
 
 use nalgebra::{SVector, Vector3};
-use roadplane_base::{VehicleClass, bbox_covered, bbox_iou};
+use roadplane_base::{VehicleClass, bbox_iou};
 use roadplane_measure::body_of;
 
 use crate::{
@@ -176,9 +176,8 @@ fn vote(class: VehicleClass, score: f64) -> Votes {
 
 /// Whether two detections are of one car: their boxes overlap much, at about the same position.
 pub(crate) fn same_car(a: &Sighting, b: &Sighting) -> bool {
-    let iou = bbox_iou(&a.bbox_px, &b.bbox_px);
-    let overlap = iou > SURE_OVERLAP || bbox_covered(&a.bbox_px, &b.bbox_px) > 0.8;
-    in_one_place(&a.pose, &a.bbox_px, &b.pose, &b.bbox_px) || (overlap && share_space(a, b))
+    in_one_place(&a.pose, &a.bbox_px, &b.pose, &b.bbox_px)
+        || (bbox_iou(&a.bbox_px, &b.bbox_px) > SURE_OVERLAP && share_space(a, b))
 }
 
 /// Whether cars in two poses (x, y, heading) would share more than half of their ground, and their boxes overlap.

@@ -26,8 +26,8 @@ pub struct Distance {
 /// only the frame nearest to that time is returned.
 ///
 /// # Errors
-/// Returns [`PipelineError::Usage`] if a track does not exist or no frame has rows of both tracks, or [`PipelineError::Write`] if a file cannot
-/// be read.
+/// Returns [`PipelineError::Usage`] if a track does not exist or no frame has rows of both tracks, or
+/// [`PipelineError::Write`] if a file cannot be read.
 pub fn distances(run: &Path, tracks: [u64; 2], at_s: Option<f64>) -> Result<Vec<Distance>, PipelineError> {
     let cameras: Vec<CameraEstimate> =
         read_camera(&run.join("camera.json"))?.all().iter().map(|segment| segment.estimate()).collect();
