@@ -118,6 +118,7 @@ fn rides_p(speed_mps: f64, sd_mps: f64) -> f64 {
         speed_mps / variance * (-0.5 * speed_mps.powi(2) / variance).exp()
     };
     let vehicle = STANDING_SHARE * vehicle(STANDING_MPS) + (1.0 - STANDING_SHARE) * vehicle(SPEED_SD);
+    let vehicle = vehicle.max(f64::MIN_POSITIVE);
     let (mean, sd) = (WALKING_MPS.0, WALKING_MPS.1.hypot(sd_mps));
     let walking = (-0.5 * ((speed_mps - mean) / sd).powi(2)).exp() / (TAU.sqrt() * sd);
     if speed_mps > 0.0 { vehicle / (vehicle + walking) } else { 1.0 }
@@ -178,7 +179,9 @@ mod tests {
     #[test]
     fn people_walk_and_motorcycles_stand_or_ride() {
         // Stationary, and as fast as vehicles whose speed is measured well or badly.
-        for (speed_mps, sd_mps) in [(0.0, 0.1), (0.1, 0.1), (0.3, 0.3), (4.3, 0.5), (5.0, 1.2), (30.0, 5.0)] {
+        for (speed_mps, sd_mps) in
+            [(0.0, 0.1), (0.1, 0.1), (0.3, 0.3), (4.3, 0.5), (5.0, 1.2), (30.0, 5.0), (900.0, 0.1)]
+        {
             assert!(rides_p(speed_mps, sd_mps) > 0.8, "{speed_mps} ± {sd_mps}");
         }
         for (speed_mps, sd_mps) in [(1.0, 0.1), (1.5, 0.5), (1.6, 0.3), (2.2, 0.5)] {

@@ -222,7 +222,6 @@ impl CameraInputs<'_> {
             }
             join(&windows, &FuseOptions { factors, ..options.clone() }).estimates
         });
-        let scene = cues;
         Some(CameraTrack {
             estimates,
             visits,
@@ -230,7 +229,7 @@ impl CameraInputs<'_> {
             size_of_cars,
             constraints,
             not_compared,
-            scene,
+            scene: cues,
             empty_scene,
         })
     }

@@ -50,8 +50,7 @@ pub(crate) fn contradiction(known: &ConstraintSummary) -> Option<String> {
 /// Returns a warning about constraints that nothing is compared with; `None` if there are none.
 pub(crate) fn not_compared_in_words(count: usize) -> Option<String> {
     (count > 0).then(|| {
-        let constraints = if count == 1 { "user constraint was" } else { "user constraints were" };
-        format!("{count} {constraints} not compared with cars and lines: none are visible where the camera then was")
+        format!("{count} of the user constraints cannot be compared with the cars: none are visible where they hold")
     })
 }
 
