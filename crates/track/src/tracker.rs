@@ -18,9 +18,6 @@ use crate::{
 /// Least sd of a measured heading, rad: no measurement is better.
 const POSE_FLOOR_RAD: f64 = 0.005;
 
-/// Cost of leaving a track without a detection. Pairs at the limit of what is possible cost 1.
-const ALONE: f64 = 0.9;
-
 /// A track that may continue.
 #[derive(Clone, Debug)]
 struct Live {
@@ -159,7 +156,7 @@ impl Tracker {
         // Tracks with a detection of their own take no other box.
         let has_own: Vec<bool> =
             held.iter().zip(&again).map(|(held, again)| *held || again.is_some()).collect();
-        let pairs = assign(self.live.len(), cars.len(), ALONE, |l, c| {
+        let pairs = assign(self.live.len(), cars.len(), 1.0, |l, c| {
             if has_own[l] { f64::INFINITY } else { self.live[l].expected.cost(&observations[c]) }
         });
         let look = |c: usize| CarRef { frame: frame.stamp.index, car: cars[c].car };
