@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{Shape, ShapeAtlas, VehicleClass};
 
-/// Least length, width and height of large bodies, m.
+/// Least length, width and height of bodies that are larger, m.
 const LEAST_M: f64 = 1.0;
 /// Least sd of a track's size when the size is used for other detections of the vehicle, m.
 const AT_BEST_SD_M: f64 = 0.3;
@@ -55,10 +55,10 @@ impl Body {
         self.dims_m + self.covariance.diagonal().map(f64::sqrt) * sds
     }
 
-    /// Returns the least length, width and height that a fit may give this body, m: one metre, and less for a narrow one.
+    /// Returns the least length, width and height that a fit may give this body, m: one metre, or half of a shorter side.
     #[must_use]
     pub fn least_m(&self) -> Vector3<f64> {
-        self.dims_m.map(|side| LEAST_M.min(side / 2.0))
+        self.dims_m.map(|side| if side > LEAST_M { LEAST_M } else { side / 2.0 })
     }
 
     /// Returns the size for use with other detections of the vehicle: no sd is below 0.3 m.
