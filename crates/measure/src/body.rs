@@ -55,7 +55,8 @@ impl Body {
         self.dims_m + self.covariance.diagonal().map(f64::sqrt) * sds
     }
 
-    /// Returns the least length, width and height that a fit may give this body, m: one metre, or half of a shorter side.
+    /// Returns the least length, width and height that a fit may give this body, m: one metre, or half of a shorter
+    /// side.
     #[must_use]
     pub fn least_m(&self) -> Vector3<f64> {
         self.dims_m.map(|side| if side > LEAST_M { LEAST_M } else { side / 2.0 })

@@ -109,8 +109,8 @@ impl Evidence {
     }
 }
 
-/// Returns the probability that an object with this highest speed and its sd (m/s) is a vehicle and no walking people. In
-/// advance, both are as probable.
+/// Returns the probability that an object with this highest speed and its sd (m/s) is a vehicle, and no walking people.
+/// In advance, both are as probable.
 fn rides_p(speed_mps: f64, sd_mps: f64) -> f64 {
     // The density of a vehicle's speed, if both components of its velocity have this sd (Rayleigh distribution).
     let vehicle = |sd: f64| {

@@ -6,7 +6,8 @@ use roadplane_base::bbox_iou;
 
 use crate::{frames::Frames, raw_track::RawTrack};
 
-/// Returns, for each track, whether it is a part of another track's vehicle: most of its boxes touch those of that track.
+/// Returns, for each track, whether it is a part of another track's vehicle: most of its boxes touch those of that
+/// track.
 pub(crate) fn parts(tracks: &[&RawTrack], frames: &Frames) -> Vec<bool> {
     let others = boxes_of(tracks, frames);
     let is_part = |track: &&RawTrack| {

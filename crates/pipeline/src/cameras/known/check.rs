@@ -19,8 +19,8 @@ impl CameraConstraints {
     /// Compares each constraint with the camera that all other evidence gives. `by` returns the estimates at the camera's
     /// positions from these constraints and the rest of the evidence.
     ///
-    /// A constraint is compared at a position for which it holds. Also returns the number of constraints that hold at no
-    /// position with an estimate.
+    /// A constraint is compared at a position for which it holds. Also returns the number of constraints that hold at
+    /// no position with an estimate.
     pub(crate) fn checked(
         &self,
         size: ImageSize,
