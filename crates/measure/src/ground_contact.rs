@@ -161,10 +161,10 @@ impl Seen<'_> {
         let dims = self.body.dims_m;
         let mut place = Place::new(behind.x, behind.y, dims.x, dims.y, dims.z);
         let mut here = self.linear(&place, &precision)?;
+        let least_m = self.body.least_m();
         for _ in 0..ROUNDS {
             let mut trial = place - here.information.cholesky()?.solve(&here.gradient);
-            let least = self.body.least_m();
-            (0..3).for_each(|i| trial[2 + i] = trial[2 + i].max(least[i]));
+            (0..3).for_each(|i| trial[2 + i] = trial[2 + i].max(least_m[i]));
             let Some(there) = self.linear(&trial, &precision) else { break };
             let gained = here.cost - there.cost;
             if gained.is_nan() || gained < 1e-3 {

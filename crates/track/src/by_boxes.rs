@@ -138,6 +138,7 @@ impl<S: Scene> ByBoxes<'_, S> {
     pub(crate) fn solve(&self, mut states: Vec<State>) -> Option<Solved> {
         let mut shared = Shared::zeros();
         shared.fixed_rows_mut::<3>(0).copy_from(&self.start_m);
+        let least_m = self.body.least_m();
         for ease in EASED {
             (states, shared) = descend(
                 (states, shared),
@@ -146,7 +147,7 @@ impl<S: Scene> ByBoxes<'_, S> {
                 |(states, shared), system, damping| {
                     let (step, shared_step) = system.step(damping)?;
                     let mut shared = shared + shared_step;
-                    (0..3).for_each(|i| shared[i] = shared[i].max(self.body.least_m()[i]));
+                    (0..3).for_each(|i| shared[i] = shared[i].max(least_m[i]));
                     Some((moved(states, &step), shared))
                 },
             )?;

@@ -13,7 +13,7 @@ use roadplane_base::{VehicleClass, bbox_iou};
 
 use crate::{
     TrackState,
-    filter::{MOTION_S, SPEED_SD, STANDING_MPS, STANDING_SHARE},
+    filter::{MOTION_S, SPEED_SD, STANDING_MPS, mixed},
     measurement::Sighting,
     numbers::{FEATURES, NUMBERS, sigmoid},
 };
@@ -117,8 +117,8 @@ fn rides_p(speed_mps: f64, sd_mps: f64) -> f64 {
         let variance = sd.powi(2) + sd_mps.powi(2);
         speed_mps / variance * (-0.5 * speed_mps.powi(2) / variance).exp()
     };
-    let vehicle = STANDING_SHARE * vehicle(STANDING_MPS) + (1.0 - STANDING_SHARE) * vehicle(SPEED_SD);
-    let vehicle = vehicle.max(f64::MIN_POSITIVE);
+    // At impossible speeds, both densities vanish.
+    let vehicle = mixed(vehicle(STANDING_MPS), vehicle(SPEED_SD)).max(f64::MIN_POSITIVE);
     let (mean, sd) = (WALKING_MPS.0, WALKING_MPS.1.hypot(sd_mps));
     let walking = (-0.5 * ((speed_mps - mean) / sd).powi(2)).exp() / (TAU.sqrt() * sd);
     if speed_mps > 0.0 { vehicle / (vehicle + walking) } else { 1.0 }

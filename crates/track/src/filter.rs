@@ -164,6 +164,11 @@ pub(crate) fn driven(
     (f * state, f * covariance * f.transpose() + q * ACCELERATION_POWER)
 }
 
+/// Returns the density of a velocity or speed among all vehicles, from its densities among stationary and driving ones.
+pub(crate) fn mixed(standing: f64, driving: f64) -> f64 {
+    STANDING_SHARE * standing + (1.0 - STANDING_SHARE) * driving
+}
+
 /// Returns the covariance of (x, y) from that of (x, y, heading), m².
 fn position_part(covariance: &Matrix3<f64>) -> Matrix2<f64> {
     covariance.fixed_view::<2, 2>(0, 0).into_owned()

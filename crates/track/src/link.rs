@@ -30,7 +30,7 @@ use roadplane_base::{assign, fold_axis, upper_median};
 
 use crate::{
     expected::{HALF_LANE_M, HIDDEN_S},
-    filter::{MOTION_S, SPEED_SD, STANDING_MPS, STANDING_SHARE, STILL_M, driven},
+    filter::{MOTION_S, SPEED_SD, STANDING_MPS, STANDING_SHARE, STILL_M, driven, mixed},
     join::{features, probability},
     measurement::Sighting,
     noise::COMMON_SHARE,
@@ -326,11 +326,6 @@ fn gain(end: &End, start: &End, gap_s: f64, arrivals: f64) -> f64 {
     let same = SHARES[0] * stood + SHARES[1] * drove + SHARES[2] * crept;
     let new = mixed(start.standing, start.driving);
     (same.max(1e-300) / new.max(1e-300)).ln() + class_gain(end, start) + size_gain(end, start)
-}
-
-/// Returns the density of a velocity among all vehicles, from its densities among stationary and driving ones.
-fn mixed(standing: f64, driving: f64) -> f64 {
-    STANDING_SHARE * standing + (1.0 - STANDING_SHARE) * driving
 }
 
 /// Returns the density of position and velocity after a gap (s) in which the vehicle drove on.
