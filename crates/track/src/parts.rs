@@ -6,8 +6,10 @@ use roadplane_base::bbox_iou;
 
 use crate::{frames::Frames, raw_track::RawTrack};
 
-/// Returns, for each track, whether it is a part of another track's vehicle: most of its boxes touch those of that
-/// track.
+/// Least share of a track's boxes that touch another track's boxes if it is a part of that vehicle.
+const PART: f64 = 0.8;
+
+/// Returns, for each track, whether it is a part of another track's vehicle.
 pub(crate) fn parts(tracks: &[&RawTrack], frames: &Frames) -> Vec<bool> {
     let others = boxes_of(tracks, frames);
     let is_part = |track: &&RawTrack| {
@@ -17,7 +19,7 @@ pub(crate) fn parts(tracks: &[&RawTrack], frames: &Frames) -> Vec<bool> {
                 *touched.entry(*other).or_default() += usize::from(bbox_iou(&seen.bbox_px, other_px) > 0.0);
             }
         }
-        touched.values().any(|touches| 2 * *touches > track.observations.len())
+        touched.values().any(|touches| *touches as f64 >= PART * track.observations.len() as f64)
     };
     tracks.iter().map(|track| track.is_boxed && is_part(track)).collect()
 }
