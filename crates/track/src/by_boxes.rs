@@ -54,18 +54,26 @@ impl Look {
         together: f64,
         stamp: impl Fn(&Sighting) -> FrameStamp,
     ) -> Option<Self> {
-        let looks: Vec<&Sighting> = sightings.iter().filter(|o| !o.held).collect();
+        let looks: Vec<&Sighting> = sightings.iter().filter(|o| !o.detection.held).collect();
         let first = *looks.first()?;
         let edge = |i: usize| {
             let of = |own: bool| {
-                looks.iter().filter(move |o| !own || !o.goes_on()[i]).map(|o| o.bbox_px[i]).collect()
+                looks
+                    .iter()
+                    .filter(move |o| !own || !o.detection.goes_on()[i])
+                    .map(|o| o.detection.bbox_px[i])
+                    .collect()
             };
             let mut own: Vec<f64> = of(true);
             let is_own = !own.is_empty();
             if !is_own {
                 own = of(false);
             }
-            (upper_median(&mut own, f64::total_cmp).unwrap_or(first.bbox_px[i]), own.len() as f64, is_own)
+            (
+                upper_median(&mut own, f64::total_cmp).unwrap_or(first.detection.bbox_px[i]),
+                own.len() as f64,
+                is_own,
+            )
         };
         let edges: [_; 4] = std::array::from_fn(edge);
         let width_px = edges[2].0 - edges[0].0;
@@ -73,7 +81,7 @@ impl Look {
         let side_px = width_px.min(height_px).max(1.0);
         let edges = std::array::from_fn(|i| {
             let (seen_px, count, is_own) = edges[i];
-            let is_cut = !is_own && looks.iter().any(|o| o.cut[i]);
+            let is_cut = !is_own && looks.iter().any(|o| o.detection.cut[i]);
             Edge {
                 seen_px,
                 sd_px: edge_sd_px(side_px),

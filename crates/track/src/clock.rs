@@ -9,7 +9,7 @@ use std::cmp::Ordering;
 use roadplane_base::{FrameRecord, bbox_cut};
 
 use crate::{
-    BoxSighting,
+    Detection,
     delays::{DelayVariance, Delays},
     frames::BoxesByFrame,
     picture_chains::chains,
@@ -102,12 +102,12 @@ impl ClockReader {
             self.estimate();
         }
         let picture_px = frame.picture_px();
-        let mut boxes: Vec<BoxSighting> = frame
+        let mut boxes: Vec<Detection> = frame
             .cars
             .iter()
             .filter(|car| !car.is_carried_over())
             .filter(|car| bbox_cut(&car.bbox_px, &picture_px) == [false; 4])
-            .map(|car| BoxSighting::uncut(car.bbox_px, car.score, car.class))
+            .map(|car| Detection::uncut(car.bbox_px, car.score, car.class))
             .collect();
         // The order of the cars in a frame has no effect.
         boxes.sort_by(|a, b| a.bbox_px.partial_cmp(&b.bbox_px).unwrap_or(Ordering::Equal));
@@ -115,7 +115,7 @@ impl ClockReader {
     }
 
     /// Adds the boxes of the next inference frame.
-    fn add_boxes(&mut self, time_s: f64, boxes: Vec<BoxSighting>) {
+    fn add_boxes(&mut self, time_s: f64, boxes: Vec<Detection>) {
         self.count += 1 + boxes.len();
         if !boxes.is_empty() {
             self.boxes.insert(self.times_s.len(), boxes);
@@ -165,12 +165,12 @@ mod tests {
     }
 
     /// Returns the boxes at a time (s) of vehicles that drive from left to right. Box errors are shares of their size.
-    fn boxes(vehicles: usize, time_s: f64, frame: usize, error: f64) -> Vec<BoxSighting> {
+    fn boxes(vehicles: usize, time_s: f64, frame: usize, error: f64) -> Vec<Detection> {
         let one = |vehicle: usize| {
             let off = |axis: usize| 90.0 * error * noise(frame, 2 * vehicle + axis);
             let left = 50.0 + (150.0 + 20.0 * vehicle as f64) * time_s + 6.0 * time_s * time_s + off(0);
             let top = 200.0 * vehicle as f64 + off(1);
-            BoxSighting::uncut([left, top, left + 90.0, top + 60.0], 0.8, VehicleClass::Car)
+            Detection::uncut([left, top, left + 90.0, top + 60.0], 0.8, VehicleClass::Car)
         };
         (0..vehicles).map(one).collect()
     }

@@ -7,7 +7,7 @@ use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass};
 use roadplane_measure::{Body, GroundContact, Knowledge, body_of};
 
 use crate::{
-    BoxSighting, Evidence, Join, Track, TrackOptions, TrackState, TrackStep,
+    Detection, Evidence, Join, Track, TrackOptions, TrackState, TrackStep,
     box_motion::COAST_S,
     duplicates::{merge_duplicates, merge_smoothed},
     frames::{BoxesByFrame, Frames},
@@ -44,12 +44,12 @@ pub trait Scene {
     }
 
     /// Returns pose and size of the vehicle in a box of this frame; `None` where the box does not place it.
-    fn place(&self, stamp: &FrameStamp, seen: &BoxSighting, known: &Knowledge) -> Option<GroundContact>;
+    fn place(&self, stamp: &FrameStamp, seen: &Detection, known: &Knowledge) -> Option<GroundContact>;
 }
 
 /// A scene without a camera: boxes give no poses.
 impl Scene for () {
-    fn place(&self, _: &FrameStamp, _: &BoxSighting, _: &Knowledge) -> Option<GroundContact> {
+    fn place(&self, _: &FrameStamp, _: &Detection, _: &Knowledge) -> Option<GroundContact> {
         None
     }
 }
@@ -226,7 +226,8 @@ impl<S: Scene> Completion<'_, S> {
 /// Removes the boxes that tracks have already.
 fn leave_out(free: &mut BoxesByFrame, tracks: &[RawTrack]) {
     let seen = tracks.iter().flat_map(|track| &track.observations);
-    let owned: BTreeSet<(usize, usize)> = seen.filter_map(|seen| Some((seen.frame, seen.car?))).collect();
+    let owned: BTreeSet<(usize, usize)> =
+        seen.filter_map(|seen| Some((seen.frame, seen.detection.car?))).collect();
     for (frame, boxes) in free {
         boxes.retain(|seen| seen.car.is_none_or(|car| !owned.contains(&(*frame, car))));
     }

@@ -36,7 +36,9 @@ pub(crate) fn merge_smoothed(
         let strong = kept.iter().position(|(strong, strong_states)| {
             coincide(strong, &track, |near, own| {
                 let poses = pose(strong, strong_states, near).zip(pose(&track, &states, own));
-                poses.is_some_and(|(a, b)| in_one_place(&a, &near.bbox_px, &b, &own.bbox_px))
+                poses.is_some_and(|(a, b)| {
+                    in_one_place(&a, &near.detection.bbox_px, &b, &own.detection.bbox_px)
+                })
             })
         });
         match strong.map(|index| &mut kept[index]) {
@@ -60,7 +62,8 @@ fn pose(track: &RawTrack, states: &[TrackState], sighting: &Sighting) -> Option<
 
 /// Sorts tracks, the strongest first.
 fn by_strength(mut tracks: Vec<RawTrack>) -> Vec<RawTrack> {
-    let strength = |track: &RawTrack| track.observations.iter().map(|o| o.score.max(0.01)).sum::<f64>();
+    let strength =
+        |track: &RawTrack| track.observations.iter().map(|o| o.detection.score.max(0.01)).sum::<f64>();
     let first = |track: &RawTrack| track.observations.first().map(|o| (o.frame, o.pose.x, o.pose.y));
     tracks.sort_by(|a, b| {
         let (fa, fb) = (first(a).unwrap_or_default(), first(b).unwrap_or_default());

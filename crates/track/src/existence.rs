@@ -53,10 +53,10 @@ impl Evidence {
     ) -> Option<Self> {
         sightings.first()?;
         // Carried-over detections are copies.
-        let measured: Vec<&Sighting> = sightings.iter().filter(|o| !o.held).collect();
+        let measured: Vec<&Sighting> = sightings.iter().filter(|o| !o.detection.held).collect();
         let measured = if measured.is_empty() { sightings.iter().collect() } else { measured };
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
-        let odds: Vec<f64> = measured.iter().map(|o| log_odds(o.score)).collect();
+        let odds: Vec<f64> = measured.iter().map(|o| log_odds(o.detection.score)).collect();
         let log_rms: Vec<f64> = measured.iter().filter_map(|o| Some(o.misfit()?.ln())).collect();
         Some(Self {
             class,
@@ -136,7 +136,7 @@ fn moved(sightings: &[Sighting], at: impl Fn(&Sighting) -> Option<Vector2<f64>>)
     let of_part = |part: &[Sighting]| {
         let (from, to) = part.first().zip(part.last())?;
         let way = at(to)? - at(from)?;
-        Some(way.norm() / MOVED_M * (1.0 - bbox_iou(&from.bbox_px, &to.bbox_px)))
+        Some(way.norm() / MOVED_M * (1.0 - bbox_iou(&from.detection.bbox_px, &to.detection.bbox_px)))
     };
     sightings.chunk_by(near).filter_map(of_part).fold(0.0, f64::max)
 }

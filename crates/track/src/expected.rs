@@ -35,15 +35,15 @@ impl Expected {
     pub(crate) fn new(first: &Sighting) -> Self {
         Self {
             filter: Filter::new(&first.pose, &first.covariance, first.time_s),
-            motion: BoxMotion::new(first.bbox_px, first.time_s),
-            rest_px: first.bbox_px,
+            motion: BoxMotion::new(first.detection.bbox_px, first.time_s),
+            rest_px: first.detection.bbox_px,
         }
     }
 
     /// Adds a detection.
     pub(crate) fn add(&mut self, sighting: &Sighting) {
         self.filter.update(&sighting.pose, &sighting.covariance, sighting.time_s);
-        let seen_px = sighting.bbox_px;
+        let seen_px = sighting.detection.bbox_px;
         // A part of a stationary vehicle may be hidden, so its box only grows.
         self.rest_px = if self.filter.is_still() { bbox_around(&self.rest_px, &seen_px) } else { seen_px };
         self.motion.see(seen_px, sighting.time_s);
@@ -77,11 +77,11 @@ impl Expected {
         let Some(expected) = self.box_px(sighting.time_s) else {
             return if distance < GATE { 0.25 + 0.65 * near } else { f64::INFINITY };
         };
-        let (is_still, plain) = (self.filter.is_still(), bbox_iou(&expected, &sighting.bbox_px));
+        let seen_px = &sighting.detection.bbox_px;
+        let (is_still, plain) = (self.filter.is_still(), bbox_iou(&expected, seen_px));
         let overlap = if is_still {
             // Less of a vehicle is visible while something hides it.
-            let seen_px = &sighting.bbox_px;
-            bbox_iou(&bbox_part_seen(&expected, seen_px, sighting.goes_on()), seen_px)
+            bbox_iou(&bbox_part_seen(&expected, seen_px, sighting.detection.goes_on()), seen_px)
         } else {
             // A driving vehicle must not take the half-hidden box of another that it passes.
             plain
@@ -102,7 +102,9 @@ impl Expected {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Detection;
     use nalgebra::{Matrix3, Vector3};
+    use roadplane_base::VehicleClass;
 
     /// Returns a detection at x = 30 m with this sd of its position. Another vehicle hides the top and right edges of
     /// its box.
@@ -112,13 +114,11 @@ mod tests {
             time_s,
             pose: Vector3::new(30.0, y_m, 0.0),
             covariance: Matrix3::from_diagonal_element(sd_m * sd_m),
-            bbox_px,
-            score: 0.8,
-            car: Some(0),
-            held: false,
+            detection: Detection {
+                hidden: [false, true, true, false],
+                ..Detection::uncut(bbox_px, 0.8, VehicleClass::Car)
+            },
             from_box: false,
-            cut: [false; 4],
-            hidden: [false, true, true, false],
             fit_rms_share: None,
         }
     }

@@ -4,14 +4,14 @@ use std::collections::BTreeMap;
 
 use roadplane_base::FrameStamp;
 
-use crate::BoxSighting;
+use crate::Detection;
 
 /// Least time between two inference frames that both count, s. A closer one adds nothing: the detector repeats its
 /// misses and false alarms.
 const APART_S: f64 = 0.075;
 
 /// Boxes by the index of their frame.
-pub(crate) type BoxesByFrame = BTreeMap<usize, Vec<BoxSighting>>;
+pub(crate) type BoxesByFrame = BTreeMap<usize, Vec<Detection>>;
 
 /// The frames that a tracker was given, in the order of time.
 #[derive(Default)]

@@ -69,7 +69,7 @@ pub use complete::{Scene, Tracks};
 pub use existence::Evidence;
 pub use join::Join;
 pub use measurement::{
-    BoxSighting, CarMeasurement, FrameMeasurements, HeldCar, SeenAgain, ShapeBelief, Track, TrackState,
+    CarMeasurement, Detection, FrameMeasurements, HeldCar, SeenAgain, ShapeBelief, Track, TrackState,
 };
 pub use numbers::{FEATURES, JOIN_FEATURES};
 pub use options::TrackOptions;

@@ -246,7 +246,7 @@ impl End {
         let [standing, driving] = [STANDING_MPS, SPEED_SD]
             .map(|sd| density(&velocity, &(spread + Matrix2::identity() * sd.powi(2))));
         let log_size = |o: &Sighting| {
-            let [x0, y0, x1, y1] = o.bbox_px;
+            let [x0, y0, x1, y1] = o.detection.bbox_px;
             ((x1 - x0).hypot(y1 - y0) * o.pose.xy().norm().max(1.0)).ln()
         };
         let stands = STANDING_SHARE * standing / mixed(standing, driving).max(1e-300);
@@ -256,7 +256,7 @@ impl End {
             state,
             covariance,
             axis: axis.y.atan2(axis.x) / 2.0,
-            stands: if edge.held { 1.0 } else { stands },
+            stands: if edge.detection.held { 1.0 } else { stands },
             standing,
             driving,
             log_size: upper_median(&mut sizes, f64::total_cmp).unwrap_or_default(),

@@ -33,6 +33,43 @@ impl ShapeBelief {
     }
 }
 
+/// A box of the detector, at any score.
+#[derive(Clone, Copy, Debug)]
+pub struct Detection {
+    /// The box (left, top, right, bottom), px.
+    pub bbox_px: [f64; 4],
+    /// Detector score, 0–1.
+    pub score: f64,
+    /// Class that the detector gives the box.
+    pub class: VehicleClass,
+    /// Edges (left, top, right, bottom) at which the picture cuts the vehicle off.
+    pub cut: [bool; 4],
+    /// Edges (left, top, right, bottom) at which another vehicle begins.
+    pub hidden: [bool; 4],
+    /// Index in its frame's list of cars. `None` for a weak box: its score is too low to count as a vehicle.
+    pub car: Option<usize>,
+    /// Whether the box is carried over: the nets did not run there, and it stays in its position.
+    pub held: bool,
+}
+
+impl Detection {
+    /// Creates the detection of a box that shows its whole vehicle. It is weak.
+    #[must_use]
+    pub fn uncut(bbox_px: [f64; 4], score: f64, class: VehicleClass) -> Self {
+        Self { bbox_px, score, class, cut: [false; 4], hidden: [false; 4], car: None, held: false }
+    }
+
+    /// Whether the detector is certain of the box: its score is high enough to count as a vehicle.
+    pub(crate) fn is_sure(&self) -> bool {
+        self.car.is_some()
+    }
+
+    /// Returns the edges (left, top, right, bottom) beyond which the vehicle continues.
+    pub(crate) fn goes_on(&self) -> [bool; 4] {
+        either(self.cut, self.hidden)
+    }
+}
+
 /// A car that was fitted in one frame.
 #[derive(Clone, Debug)]
 pub struct CarMeasurement {
@@ -40,25 +77,15 @@ pub struct CarMeasurement {
     pub pose: GroundPose,
     /// Covariance of (x, y, heading), m and rad. For keypoints, it assumes that their errors are independent.
     pub covariance: Matrix3<f64>,
-    /// Box of the car (left, top, right, bottom), px.
-    pub bbox_px: [f64; 4],
-    /// Detector score, 0–1.
-    pub score: f64,
-    /// Class of the vehicle.
-    pub class: VehicleClass,
+    /// Its box. A car with keypoints has the class of a car.
+    pub detection: Detection,
     /// Estimate of its shape before this frame.
     pub shape_before: ShapeBelief,
     /// Estimate of its shape after this frame. It equals `shape_before` where the shape is fixed.
     pub shape: ShapeBelief,
-    /// Index of the car in its frame's list.
-    pub car: usize,
     /// Whether the pose comes from the box, without keypoints. Such a measurement extends a track. It starts a track
     /// only if it is not classed as a car.
     pub from_box: bool,
-    /// Edges (left, top, right, bottom) at which the picture cuts the vehicle off.
-    pub cut: [bool; 4],
-    /// Edges (left, top, right, bottom) at which another vehicle begins.
-    pub hidden: [bool; 4],
     /// Whether an earlier pass over the frames assigned it to a track.
     pub known: bool,
     /// Length, width and height (m) and their sds (m), of a vehicle that the shape model does not cover.
@@ -69,6 +96,22 @@ pub struct CarMeasurement {
 }
 
 impl CarMeasurement {
+    /// Creates the measurement of a vehicle that its box places. Its size and its shape are not measured.
+    #[must_use]
+    pub fn by_box(pose: GroundPose, covariance: Matrix3<f64>, seen: Detection) -> Self {
+        Self {
+            pose,
+            covariance,
+            detection: Detection { held: false, ..seen },
+            shape_before: ShapeBelief::default(),
+            shape: ShapeBelief::default(),
+            from_box: true,
+            known: false,
+            dims_m: None,
+            fit_rms_share: None,
+        }
+    }
+
     /// Returns the pose as the vector (x, y, heading), m and rad.
     pub(crate) fn pose_vector(&self) -> Vector3<f64> {
         Vector3::new(self.pose.x_m, self.pose.y_m, self.pose.heading_rad)
@@ -76,21 +119,21 @@ impl CarMeasurement {
 
     /// Whether it is classed as a car but has no car's keypoints. No track starts with such a measurement.
     pub(crate) fn lacks_keypoints(&self) -> bool {
-        self.from_box && self.class == VehicleClass::Car
+        self.from_box && self.detection.class == VehicleClass::Car
     }
 
     /// Whether all numbers are finite, the box has an area and the covariance is positive definite.
     pub(crate) fn is_usable(&self) -> bool {
-        let [x0, y0, x1, y1] = self.bbox_px;
+        let [x0, y0, x1, y1] = self.detection.bbox_px;
         let numbers = self.pose_vector();
         let finite = numbers
             .iter()
             .chain(self.covariance.iter())
-            .chain(self.bbox_px.iter())
+            .chain(self.detection.bbox_px.iter())
             .chain(self.shape_before.numbers())
             .chain(self.shape.numbers());
         finite.copied().all(f64::is_finite)
-            && self.score.is_finite()
+            && self.detection.score.is_finite()
             && x1 > x0
             && y1 > y0
             && self.covariance.cholesky().is_some()
@@ -103,12 +146,8 @@ impl CarMeasurement {
 pub struct HeldCar {
     /// Frame and index of the earlier measurement, where it had keypoints.
     pub look: Option<CarRef>,
-    /// Box of the car (left, top, right, bottom), px.
-    pub bbox_px: [f64; 4],
-    /// Detector score, 0–1.
-    pub score: f64,
-    /// Index of the car in its frame's list.
-    pub car: usize,
+    /// Its box.
+    pub detection: Detection,
 }
 
 /// A car that is detected again, without a new measurement of its pose.
@@ -118,37 +157,6 @@ pub struct SeenAgain {
     pub look: CarRef,
     /// Box of the car (left, top, right, bottom), px.
     pub bbox_px: [f64; 4],
-}
-
-/// A box of the detector, at any score. If no tracklet has it, linking decides which vehicle it shows.
-#[derive(Clone, Copy, Debug)]
-pub struct BoxSighting {
-    /// The box (left, top, right, bottom), px.
-    pub bbox_px: [f64; 4],
-    /// Detector score, 0–1.
-    pub score: f64,
-    /// Class that the detector gives the box.
-    pub class: VehicleClass,
-    /// Edges (left, top, right, bottom) at which the picture cuts the vehicle off.
-    pub cut: [bool; 4],
-    /// Edges (left, top, right, bottom) at which another vehicle begins.
-    pub hidden: [bool; 4],
-    /// Index in its frame's list of cars. `None` for a box whose score is too low to count as a vehicle.
-    pub car: Option<usize>,
-    /// Whether the box is carried over: the nets did not run there, and it stays in its position.
-    pub held: bool,
-}
-
-impl BoxSighting {
-    /// Creates a sighting of a box that shows its whole vehicle.
-    pub(crate) fn uncut(bbox_px: [f64; 4], score: f64, class: VehicleClass) -> Self {
-        Self { bbox_px, score, class, cut: [false; 4], hidden: [false; 4], car: None, held: false }
-    }
-
-    /// Whether the detector is certain of the box: its score is high enough to count as a vehicle.
-    pub(crate) fn is_sure(&self) -> bool {
-        self.car.is_some()
-    }
 }
 
 /// All cars that were fitted in one frame. A frame without cars counts as a frame, too.
@@ -168,8 +176,9 @@ pub struct FrameMeasurements {
     /// Cars that were detected again so soon after an inference frame that nothing measured them. Their tracks accept
     /// no other box.
     pub seen_again: Vec<SeenAgain>,
-    /// All boxes of the frame, those with low scores included. Empty while no vehicle has been estimated yet.
-    pub boxes: Vec<BoxSighting>,
+    /// All boxes of the frame, those with low scores included. If no tracklet has a box, linking decides which vehicle
+    /// it shows. Empty while no vehicle has been estimated yet.
+    pub boxes: Vec<Detection>,
 }
 
 impl FrameMeasurements {
@@ -199,31 +208,16 @@ pub(crate) struct Sighting {
     pub pose: Vector3<f64>,
     /// Covariance of (x, y, heading), m and rad.
     pub covariance: Matrix3<f64>,
-    /// Box of the vehicle (left, top, right, bottom), px.
-    pub bbox_px: [f64; 4],
-    /// Detector score, 0–1.
-    pub score: f64,
-    /// Index in its frame's list of cars. `None` for a weak box.
-    pub car: Option<usize>,
-    /// Whether pose and covariance are carried over from an earlier detection.
-    pub held: bool,
+    /// Its box. If it is carried over, pose and covariance are those of an earlier detection.
+    pub detection: Detection,
     /// Whether the pose comes from the box: it has an axis, but no front.
     pub from_box: bool,
-    /// Edges (left, top, right, bottom) at which the picture cuts the vehicle off.
-    pub cut: [bool; 4],
-    /// Edges (left, top, right, bottom) at which another vehicle begins.
-    pub hidden: [bool; 4],
     /// Distance (rms) of a car's keypoints from their projections, as a share of the box's longer side; `None` without
     /// keypoints.
     pub fit_rms_share: Option<f64>,
 }
 
 impl Sighting {
-    /// Returns the edges (left, top, right, bottom) beyond which the vehicle continues.
-    pub(crate) fn goes_on(&self) -> [bool; 4] {
-        either(self.cut, self.hidden)
-    }
-
     /// Returns the distance (rms) of a car's keypoints from their projections, relative to the usual one; `None` without
     /// keypoints.
     pub(crate) fn misfit(&self) -> Option<f64> {
@@ -232,22 +226,11 @@ impl Sighting {
 
     /// Creates a detection from a box and the pose at which the box places the vehicle. `time_s` counts from the first
     /// frame.
-    pub(crate) fn by_box(seen: &BoxSighting, placed: &GroundContact, frame: usize, time_s: f64) -> Self {
+    pub(crate) fn by_box(seen: &Detection, placed: &GroundContact, frame: usize, time_s: f64) -> Self {
         let GroundContact { pose, covariance, .. } = *placed;
-        Self {
-            frame,
-            time_s,
-            pose: Vector3::new(pose.x_m, pose.y_m, pose.heading_rad),
-            covariance,
-            bbox_px: seen.bbox_px,
-            score: seen.score,
-            car: seen.car,
-            held: false,
-            from_box: true,
-            cut: seen.cut,
-            hidden: seen.hidden,
-            fit_rms_share: None,
-        }
+        let pose = Vector3::new(pose.x_m, pose.y_m, pose.heading_rad);
+        let detection = Detection { held: false, ..*seen };
+        Self { frame, time_s, pose, covariance, detection, from_box: true, fit_rms_share: None }
     }
 }
 

@@ -24,7 +24,7 @@ pub(crate) struct Stand {
 /// Estimates the pose of a stationary interval; `None` without detections. Carried-over detections are copies
 /// of an earlier detection. They are used only if the interval has no real detection.
 pub(crate) fn stand(all: &[Sighting]) -> Option<Stand> {
-    let looks: Vec<Sighting> = all.iter().filter(|o| !o.held).cloned().collect();
+    let looks: Vec<Sighting> = all.iter().filter(|o| !o.detection.held).cloned().collect();
     let sightings = if looks.is_empty() { all.get(..1)? } else { &looks };
     let inverses: Vec<Matrix3<f64>> =
         sightings.iter().map(|o| o.covariance.try_inverse().unwrap_or_else(Matrix3::zeros)).collect();

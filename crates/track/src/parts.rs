@@ -16,7 +16,8 @@ pub(crate) fn parts(tracks: &[&RawTrack], frames: &Frames) -> Vec<bool> {
         let mut touched: BTreeMap<usize, usize> = BTreeMap::new();
         for seen in &track.observations {
             for (other, other_px) in others.get(&seen.frame).into_iter().flatten() {
-                *touched.entry(*other).or_default() += usize::from(bbox_iou(&seen.bbox_px, other_px) > 0.0);
+                *touched.entry(*other).or_default() +=
+                    usize::from(bbox_iou(&seen.detection.bbox_px, other_px) > 0.0);
             }
         }
         touched.values().any(|touches| *touches as f64 >= PART * track.observations.len() as f64)
@@ -30,16 +31,16 @@ fn boxes_of(tracks: &[&RawTrack], frames: &Frames) -> BTreeMap<usize, Vec<(usize
     let mut boxes: BTreeMap<usize, Vec<(usize, [f64; 4])>> = BTreeMap::new();
     for (t, track) in tracks.iter().enumerate().filter(|(_, track)| !track.is_boxed) {
         for pair in track.observations.windows(2) {
+            let [from_px, to_px] = [&pair[0], &pair[1]].map(|seen| seen.detection.bbox_px);
             let span_s = (pair[1].time_s - pair[0].time_s).max(f64::MIN_POSITIVE);
             for frame in (pair[0].frame..pair[1].frame).filter(|frame| frames.looked[*frame]) {
                 let share = (frames.times_s[frame] - pair[0].time_s) / span_s;
-                let between =
-                    |i: usize| pair[0].bbox_px[i] + share * (pair[1].bbox_px[i] - pair[0].bbox_px[i]);
+                let between = |i: usize| from_px[i] + share * (to_px[i] - from_px[i]);
                 boxes.entry(frame).or_default().push((t, std::array::from_fn(between)));
             }
         }
         if let Some(last) = track.observations.last() {
-            boxes.entry(last.frame).or_default().push((t, last.bbox_px));
+            boxes.entry(last.frame).or_default().push((t, last.detection.bbox_px));
         }
     }
     boxes

@@ -12,7 +12,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use roadplane_base::{bbox_centre, bbox_iou};
 
 use crate::{
-    BoxSighting,
+    Detection,
     box_motion::{BoxMotion, COAST_S},
     expected::SURE_OVERLAP,
     filter::MOTION_S,
@@ -26,7 +26,7 @@ const STEP_SIZES: f64 = 0.5;
 /// Boxes of one possible vehicle, at most one per frame.
 pub(crate) struct Chain {
     /// Boxes with the index of their frame, in the order of time. Boxes of the tracklet are not among them.
-    pub boxes: Vec<(usize, BoxSighting)>,
+    pub boxes: Vec<(usize, Detection)>,
     /// Index of the tracklet that the boxes precede or follow.
     pub tracklet: Option<usize>,
     /// Motion of the box in the picture.
@@ -74,7 +74,7 @@ enum Next<'a> {
     /// A detection of the tracklet with this index.
     Tracklet(usize),
     /// A box that no tracklet has.
-    Free(&'a BoxSighting),
+    Free(&'a Detection),
 }
 
 /// Chains boxes that follow each other in the picture, largest overlaps first. Returns the chains that have free boxes.
@@ -84,7 +84,7 @@ pub(crate) fn chains(free: &BoxesByFrame, tracklets: &[RawTrack], times_s: &[f64
     let mut owned: BTreeMap<usize, Vec<(usize, [f64; 4])>> = BTreeMap::new();
     for (index, track) in tracklets.iter().enumerate() {
         for seen in &track.observations {
-            owned.entry(seen.frame).or_default().push((index, seen.bbox_px));
+            owned.entry(seen.frame).or_default().push((index, seen.detection.bbox_px));
         }
     }
     let ends =

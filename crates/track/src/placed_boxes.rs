@@ -8,7 +8,7 @@ use roadplane_base::{Shape, VehicleClass};
 use roadplane_measure::{Body, GroundContact, HEADING_SD_RAD, Knowledge, body_of};
 
 use crate::{
-    BoxSighting, Scene,
+    Detection, Scene,
     expected::SURE_OVERLAP,
     filter::{MOTION_S, STANDING_MPS},
     frames::{BoxesByFrame, Frames},
@@ -51,7 +51,7 @@ pub(crate) fn add_boxes(
 
 /// Places boxes on the ground as those of the tracklet's vehicle.
 fn of_vehicle(
-    boxes: &[(usize, BoxSighting)],
+    boxes: &[(usize, Detection)],
     track: &RawTrack,
     frames: &Frames,
     scene: &impl Scene,
@@ -78,7 +78,7 @@ fn alone(chain: &Chain, frames: &Frames, scene: &impl Scene) -> Option<RawTrack>
     let boxes = &chain.boxes;
     let class = class(boxes);
     let label = Knowledge::Label(class);
-    let about: Vec<(&(usize, BoxSighting), GroundContact)> =
+    let about: Vec<(&(usize, Detection), GroundContact)> =
         (boxes.iter()).filter_map(|one| Some((one, place(one.0, &one.1, &label, frames, scene)?))).collect();
     let time_s = |frame: usize| frames.times_s[frame];
     let places: Vec<[f64; 3]> =
@@ -89,7 +89,7 @@ fn alone(chain: &Chain, frames: &Frames, scene: &impl Scene) -> Option<RawTrack>
         if chain.goes_on() { places.iter().filter_map(way_at).collect() } else { Vec::new() };
     let dims: Vec<[Vector3<f64>; 2]> = about.iter().map(|(_, at)| at.dims_m).collect();
     if ways.is_empty() {
-        let sighting = |((frame, seen), at): &(&(usize, BoxSighting), GroundContact)| {
+        let sighting = |((frame, seen), at): &(&(usize, Detection), GroundContact)| {
             Sighting::by_box(seen, at, *frame, time_s(*frame))
         };
         return RawTrack::by_boxes(about.iter().map(sighting).collect(), boxes, &dims);
@@ -105,13 +105,13 @@ fn alone(chain: &Chain, frames: &Frames, scene: &impl Scene) -> Option<RawTrack>
 
 /// Places boxes of a vehicle on the ground. `heading` returns its heading at a time (s) and the sd of the heading, rad.
 fn sightings(
-    boxes: &[(usize, BoxSighting)],
+    boxes: &[(usize, Detection)],
     body: &Body,
     heading: impl Fn(f64) -> Option<[f64; 2]>,
     frames: &Frames,
     scene: &impl Scene,
 ) -> Vec<Sighting> {
-    let of_box = |(frame, seen): &(usize, BoxSighting)| {
+    let of_box = |(frame, seen): &(usize, Detection)| {
         let time_s = frames.times_s[*frame];
         let [heading_rad, heading_sd_rad] = heading(time_s)?;
         let known = Knowledge::Track { body: *body, heading_rad, heading_sd_rad };
@@ -124,7 +124,7 @@ fn sightings(
 /// Places one box on the ground.
 fn place(
     frame: usize,
-    seen: &BoxSighting,
+    seen: &Detection,
     known: &Knowledge,
     frames: &Frames,
     scene: &impl Scene,
@@ -140,7 +140,7 @@ fn nearest<T>(items: &[T], time_s: f64, at_s: impl Fn(&T) -> f64) -> Option<&T> 
 }
 
 /// Returns the class of a chain, by the boxes of which the detector is certain.
-fn class(boxes: &[(usize, BoxSighting)]) -> VehicleClass {
+fn class(boxes: &[(usize, Detection)]) -> VehicleClass {
     VehicleClass::ALL[votes_of(boxes).imax()]
 }
 

@@ -5,7 +5,7 @@ use roadplane_base::{VehicleClass, bbox_iou};
 use roadplane_measure::body_of;
 
 use crate::{
-    BoxSighting, CarMeasurement, expected::SURE_OVERLAP, measurement::Sighting, noise::SIGNIFICANT,
+    CarMeasurement, Detection, expected::SURE_OVERLAP, measurement::Sighting, noise::SIGNIFICANT,
     shape::ShapeSum, vehicle::HALF_WHEELBASE_M,
 };
 
@@ -88,7 +88,7 @@ impl RawTrack {
     /// Boxes of which the detector is certain vote for a class. `None` without detections.
     pub(crate) fn by_boxes(
         observations: Vec<Sighting>,
-        boxes: &[(usize, BoxSighting)],
+        boxes: &[(usize, Detection)],
         dims_m: &[[Vector3<f64>; 2]],
     ) -> Option<Self> {
         let first = observations.first()?;
@@ -105,7 +105,7 @@ impl RawTrack {
 
     /// Adds a measurement to the end of the track.
     pub(crate) fn add(&mut self, car: &CarMeasurement, observation: Sighting) {
-        self.votes += vote(car.class, car.score);
+        self.votes += vote(car.detection.class, car.detection.score);
         if let Some(dims) = &car.dims_m {
             self.dims.add(dims);
         }
@@ -164,7 +164,7 @@ impl RawTrack {
 }
 
 /// Returns the sum of the scores for each class, over the boxes of which the detector is certain.
-pub(crate) fn votes_of(boxes: &[(usize, BoxSighting)]) -> Votes {
+pub(crate) fn votes_of(boxes: &[(usize, Detection)]) -> Votes {
     let sure = boxes.iter().map(|(_, seen)| seen).filter(|seen| seen.is_sure());
     sure.map(|seen| vote(seen.class, seen.score)).sum()
 }
@@ -176,8 +176,8 @@ fn vote(class: VehicleClass, score: f64) -> Votes {
 
 /// Whether two detections are of one car: their boxes overlap much, at about the same position.
 pub(crate) fn same_car(a: &Sighting, b: &Sighting) -> bool {
-    in_one_place(&a.pose, &a.bbox_px, &b.pose, &b.bbox_px)
-        || (bbox_iou(&a.bbox_px, &b.bbox_px) > SURE_OVERLAP && share_space(a, b))
+    let [a_px, b_px] = [a, b].map(|seen| &seen.detection.bbox_px);
+    in_one_place(&a.pose, a_px, &b.pose, b_px) || (bbox_iou(a_px, b_px) > SURE_OVERLAP && share_space(a, b))
 }
 
 /// Whether cars in two poses (x, y, heading) would share more than half of their ground, and their boxes overlap.

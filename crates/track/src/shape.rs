@@ -146,26 +146,17 @@ impl ShapeSum {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Detection;
     use roadplane_base::{GroundPose, VehicleClass};
 
     /// Returns a measurement with all shape coefficients equal, and this information in each of them.
     fn look(shape: f64, information: f64) -> CarMeasurement {
-        CarMeasurement {
-            pose: GroundPose { x_m: 0.0, y_m: 20.0, heading_rad: 0.0 },
-            covariance: nalgebra::Matrix3::identity(),
-            bbox_px: [0.0, 0.0, 10.0, 10.0],
-            score: 1.0,
-            class: VehicleClass::Car,
-            shape_before: ShapeBelief::default(),
-            shape: ShapeBelief { mean: Shape::repeat(shape), information: Matrix6::identity() * information },
-            car: 0,
-            from_box: false,
-            cut: [false; 4],
-            hidden: [false; 4],
-            known: false,
-            dims_m: None,
-            fit_rms_share: None,
-        }
+        let pose = GroundPose { x_m: 0.0, y_m: 20.0, heading_rad: 0.0 };
+        let seen = Detection::uncut([0.0, 0.0, 10.0, 10.0], 1.0, VehicleClass::Car);
+        let shape =
+            ShapeBelief { mean: Shape::repeat(shape), information: Matrix6::identity() * information };
+        let measured = CarMeasurement::by_box(pose, nalgebra::Matrix3::identity(), seen);
+        CarMeasurement { shape, from_box: false, ..measured }
     }
 
     #[test]

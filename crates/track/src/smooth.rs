@@ -40,7 +40,7 @@ impl Way {
             }
             for frame in place.frames.clone() {
                 let own = &sightings[place.sightings.clone()];
-                let seen = own.binary_search_by_key(&frame, |o| o.frame).ok().map(|i| &own[i]);
+                let seen = own.binary_search_by_key(&frame, |o| o.frame).ok().map(|i| own[i].detection);
                 result.push(TrackState {
                     stamp: stamps[frame],
                     observed: seen.is_some(),

@@ -29,8 +29,8 @@ pub(crate) fn smooth_by_boxes(
     let Frames { stamps, times_s, .. } = frames;
     let body = &scene.body(track.class(), &track.shape.fused().mean);
     let start_m = track.dims_m().unwrap_or(body.dims_m);
-    let by_box = |seen: &Sighting| !seen.held && (seen.from_box || body.class != VehicleClass::Car);
-    let by_pose = |seen: &Sighting| !seen.held && !by_box(seen);
+    let by_box = |seen: &Sighting| !seen.detection.held && (seen.from_box || body.class != VehicleClass::Car);
+    let by_pose = |seen: &Sighting| !seen.detection.held && !by_box(seen);
     if !sightings.iter().any(by_box) {
         return None;
     }
@@ -71,7 +71,7 @@ pub(crate) fn smooth_by_boxes(
     };
     // First assume that it drove in every measured frame: the whole path determines speeds better than one second of it
     // does.
-    let mut moving: Vec<bool> = sightings.iter().map(|seen| !seen.held).collect();
+    let mut moving: Vec<bool> = sightings.iter().map(|seen| !seen.detection.held).collect();
     close_gaps(&mut moving, sightings);
     let (drive, found) = solve(&by_poses, &moving, start_m)?;
     for (seen, moving) in sightings.iter().zip(&mut moving) {

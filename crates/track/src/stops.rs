@@ -64,9 +64,12 @@ fn moves(part: &[Sighting]) -> bool {
     // When a car drives along the line of sight, its box stays and grows. So the corners are compared, and not only the
     // centre.
     let corner = |x: usize, y: usize| -> Vec<(f64, Vector2<f64>)> {
-        part.iter().map(|o| (o.time_s, Vector2::new(o.bbox_px[x], o.bbox_px[y]))).collect()
+        part.iter()
+            .map(|o| (o.time_s, Vector2::new(o.detection.bbox_px[x], o.detection.bbox_px[y])))
+            .collect()
     };
-    let centre: Vec<(f64, Vector2<f64>)> = part.iter().map(|o| (o.time_s, bbox_centre(&o.bbox_px))).collect();
+    let centre: Vec<(f64, Vector2<f64>)> =
+        part.iter().map(|o| (o.time_s, bbox_centre(&o.detection.bbox_px))).collect();
     goes(&centre, 0.0) || (goes(&corner(0, 1), 0.0) && goes(&corner(2, 3), 0.0))
 }
 

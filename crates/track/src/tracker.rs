@@ -4,7 +4,7 @@ use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{CarRef, assign, bbox_iou};
 
 use crate::{
-    CarMeasurement, FrameMeasurements, HeldCar, Scene, SeenAgain, TrackOptions, TrackStep, Tracks,
+    CarMeasurement, Detection, FrameMeasurements, HeldCar, Scene, SeenAgain, TrackOptions, TrackStep, Tracks,
     complete::complete,
     expected::{Expected, SURE_OVERLAP},
     filter::POSE_FLOOR_M,
@@ -26,7 +26,7 @@ struct Live {
     /// The track so far.
     raw: RawTrack,
     /// Frame and index of the last measurement.
-    look: CarRef,
+    look: Option<CarRef>,
     /// Number of counted inference frames when the track started.
     born: usize,
     /// Number of counted inference frames without a detection, since the last one.
@@ -37,7 +37,7 @@ struct Live {
 
 impl Live {
     /// Starts a track with its first measurement. `looks` is the number of inference frames so far.
-    fn new(car: &CarMeasurement, observation: Sighting, look: CarRef, looks: usize) -> Self {
+    fn new(car: &CarMeasurement, observation: Sighting, look: Option<CarRef>, looks: usize) -> Self {
         let expected = Expected::new(&observation);
         let (position, axis) = (expected.filter.state.xy(), expected.filter.axis);
         let mut shape = ShapeSum::new(position, axis);
@@ -61,15 +61,14 @@ impl Live {
     /// Adds a detection that is carried over: the car is in the position of its last measurement.
     fn hold(&mut self, held: &HeldCar, frame: usize, time_s: f64) {
         let Some(last) = self.last().cloned() else { return };
-        let HeldCar { bbox_px, score, car, .. } = *held;
-        self.expected.hold(bbox_px, time_s);
-        let car = Some(car);
-        self.raw.observations.push(Sighting { frame, time_s, bbox_px, score, car, held: true, ..last });
+        self.expected.hold(held.detection.bbox_px, time_s);
+        let detection = Detection { held: true, ..held.detection };
+        self.raw.observations.push(Sighting { frame, time_s, detection, ..last });
         self.missed = 0;
     }
 
     /// Adds a measurement.
-    fn add(&mut self, car: &CarMeasurement, observation: Sighting, look: CarRef) {
+    fn add(&mut self, car: &CarMeasurement, observation: Sighting, look: Option<CarRef>) {
         self.look = look;
         self.expected.add(&observation);
         if !car.from_box {
@@ -126,21 +125,23 @@ impl Tracker {
         // The cars are sorted, so that their order in the frame has no effect.
         cars.sort_by(|a, b| {
             let key = |c: &CarMeasurement| {
-                [c.bbox_px[0], c.bbox_px[1], c.bbox_px[2], c.bbox_px[3], c.pose.x_m, c.pose.y_m]
+                let [x0, y0, x1, y1] = c.detection.bbox_px;
+                [x0, y0, x1, y1, c.pose.x_m, c.pose.y_m]
             };
             key(a)
                 .iter()
                 .zip(key(b))
                 .map(|(a, b)| a.total_cmp(&b))
                 .find(|o| o.is_ne())
-                .unwrap_or(a.car.cmp(&b.car))
+                .unwrap_or(a.detection.car.cmp(&b.detection.car))
         });
         let observations: Vec<Sighting> = cars.iter().map(|car| observation(car, index, time_s)).collect();
         let mut held: Vec<bool> = vec![false; self.live.len()];
         for car in &frame.held {
             // A measurement that failed belongs to no track. The car is still the one that is stationary there.
-            let by_look = car.look.and_then(|look| self.live.iter().position(|live| live.look == look));
-            let overlap = |l: &usize| bbox_iou(self.live[*l].expected.motion.last_px(), &car.bbox_px);
+            let by_look = car.look.and_then(|look| self.live.iter().position(|live| live.look == Some(look)));
+            let overlap =
+                |l: &usize| bbox_iou(self.live[*l].expected.motion.last_px(), &car.detection.bbox_px);
             let by_place = || {
                 let free = (0..self.live.len()).filter(|l| !held[*l] && overlap(l) > SURE_OVERLAP);
                 free.max_by(|a, b| overlap(a).total_cmp(&overlap(b)))
@@ -151,7 +152,7 @@ impl Tracker {
             }
         }
         let again: Vec<Option<&SeenAgain>> = (self.live.iter())
-            .map(|live| frame.seen_again.iter().find(|car| car.look == live.look))
+            .map(|live| frame.seen_again.iter().find(|car| Some(car.look) == live.look))
             .collect();
         // Tracks with a detection of their own take no other box.
         let has_own: Vec<bool> =
@@ -159,7 +160,7 @@ impl Tracker {
         let pairs = assign(self.live.len(), cars.len(), 1.0, |l, c| {
             if has_own[l] { f64::INFINITY } else { self.live[l].expected.cost(&observations[c]) }
         });
-        let look = |c: usize| CarRef { frame: frame.stamp.index, car: cars[c].car };
+        let look = |c: usize| cars[c].detection.car.map(|car| CarRef { frame: frame.stamp.index, car });
         let mut taken = vec![false; cars.len()];
         for ((live, pair), has_own) in self.live.iter_mut().zip(&pairs).zip(&has_own) {
             match *pair {
@@ -174,7 +175,8 @@ impl Tracker {
             .filter(|(_, has_own)| **has_own)
             .filter_map(|((live, again), _)| {
                 let last = live.last()?;
-                Some(Sighting { bbox_px: again.map_or(last.bbox_px, |car| car.bbox_px), ..last.clone() })
+                let bbox_px = again.map_or(last.detection.bbox_px, |car| car.bbox_px);
+                Some(Sighting { detection: Detection { bbox_px, ..last.detection }, ..last.clone() })
             })
             .collect();
         let births: Vec<usize> = (0..cars.len())
@@ -229,13 +231,8 @@ fn observation(car: &CarMeasurement, frame: usize, time_s: f64) -> Sighting {
         time_s,
         pose: car.pose_vector(),
         covariance: (covariance + covariance.transpose()) / 2.0,
-        bbox_px: car.bbox_px,
-        score: car.score,
-        car: Some(car.car),
-        held: false,
+        detection: car.detection,
         from_box: car.from_box,
-        cut: car.cut,
-        hidden: car.hidden,
         fit_rms_share: car.fit_rms_share,
     }
 }

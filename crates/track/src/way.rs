@@ -36,7 +36,7 @@ pub(crate) struct Place {
 impl Place {
     /// Returns the measured detection of a driving car in this frame, if there is one.
     pub(crate) fn look<'a>(&self, sightings: &'a [Sighting]) -> Option<&'a Sighting> {
-        sightings[self.sightings.clone()].first().filter(|seen| !seen.held)
+        sightings[self.sightings.clone()].first().filter(|seen| !seen.detection.held)
     }
 
     /// Returns the measured origin and heading (m, rad), with the inverse of their covariance.
@@ -203,7 +203,7 @@ pub(crate) fn per_view(sightings: &[Sighting], index: usize) -> f64 {
     let time_s = sightings[index].time_s;
     let from = sightings.partition_point(|o| o.time_s < time_s - VIEW_S / 2.0);
     let to = sightings.partition_point(|o| o.time_s <= time_s + VIEW_S / 2.0);
-    sightings[from..to].iter().filter(|o| !o.held).count().max(1) as f64
+    sightings[from..to].iter().filter(|o| !o.detection.held).count().max(1) as f64
 }
 
 /// Measures the scatter of the driven part around its smoothed path. The path follows its detections, so their

@@ -4,14 +4,14 @@ use std::collections::BTreeMap;
 
 use nalgebra::Matrix3;
 use roadplane_base::{
-    CarRecord, CarRef, FrameRecord, FrameStamp, GroundPose, PoseRecord, ShapeAtlas, VehicleClass, bbox_cut,
+    CarRef, FrameRecord, FrameStamp, GroundPose, PoseRecord, ShapeAtlas, VehicleClass, bbox_cut,
     bbox_part_seen,
 };
 use roadplane_geo::Place;
 use roadplane_measure::{FrameCamera, Knowledge, fit_frame, ground_contact, hidden_edges, projected_box};
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
 use roadplane_track::{
-    BoxSighting, CarMeasurement, Clock, FrameMeasurements, HeldCar, SeenAgain, ShapeBelief, Track,
+    CarMeasurement, Clock, Detection, FrameMeasurements, HeldCar, SeenAgain, ShapeBelief, Track,
     TrackOptions, TrackStep, Tracker, Tracks,
 };
 
@@ -109,17 +109,17 @@ impl Pass<'_> {
                     seen_again.push(SeenAgain { look, bbox_px: record.bbox_px });
                     continue;
                 }
-                let seen = self.box_sighting(&frame, record.bbox_px, record.score, Some(index));
+                let seen = self.detection(&frame, record.bbox_px, record.score, Some(index));
                 boxes.extend(known.map(|_| seen));
+                let carried_over = HeldCar { look: record.pose_from, detection: seen };
                 // A carried-over box with keypoints is a new measurement.
                 if record.is_carried_over() && record.keypoints.is_none() {
-                    held.push(held_car(record, index));
+                    held.push(carried_over);
                     if let Some(pose) = looks.line(&frame, index).filter(|_| own) {
                         sink(&pose)?;
                     }
                     continue;
                 }
-                let BoxSighting { cut, hidden, .. } = seen;
                 let class = format!("{:?}", record.class).to_lowercase();
                 *tally.boxes.entry(class).or_insert(0) += u64::from(own);
                 let reason = match &fit {
@@ -128,7 +128,7 @@ impl Pass<'_> {
                         let car = &fit.car;
                         let projected =
                             projected_box(self.atlas, &view.camera, &car.camera_from_car, &car.shape)
-                                .map(|whole| bbox_part_seen(&whole, &record.bbox_px, hidden));
+                                .map(|whole| bbox_part_seen(&whole, &record.bbox_px, seen.hidden));
                         let rms = car.reprojection_rms_px;
                         let is_valid = limits.is_valid(projected, &record.bbox_px, rms, &picture_px);
                         (!(car.used && is_valid)).then_some("keypoints_disagree")
@@ -139,8 +139,8 @@ impl Pass<'_> {
                 let is_car = known.is_none_or(|known| known.vehicle.class == VehicleClass::Car);
                 let usable = fit.as_ref().filter(|_| reason.is_none() && is_car);
                 let measured = usable
-                    .map(|fit| by_keypoints(fit, record, index, self.any_car, known))
-                    .or_else(|| self.by_box(record, index, &frame, hidden, &view, known));
+                    .map(|fit| by_keypoints(fit, seen, self.any_car, known))
+                    .or_else(|| by_box(seen, &picture_px, &view, known));
                 match measured {
                     Some(measured) => {
                         let known = known.is_some();
@@ -148,10 +148,10 @@ impl Pass<'_> {
                         let share = fit.as_ref().map(rms_share).filter(|share| share.is_finite());
                         // Fits that are not valid are all alike.
                         let fit_rms_share = share.map(|share| share.min(limits.max_rms_share));
-                        cars.push(CarMeasurement { cut, hidden, known, fit_rms_share, ..measured });
+                        cars.push(CarMeasurement { known, fit_rms_share, ..measured });
                     }
                     None => {
-                        held.extend(record.is_carried_over().then(|| held_car(record, index)));
+                        held.extend(record.is_carried_over().then_some(carried_over));
                         *tally.rejected.entry(reason.unwrap_or("no_pose").to_owned()).or_insert(0) +=
                             u64::from(own)
                     }
@@ -171,7 +171,7 @@ impl Pass<'_> {
             let looked = frame.watch.as_ref().is_none_or(|watch| watch.looked);
             if known.is_some() {
                 boxes.extend(
-                    frame.weak.iter().map(|weak| self.box_sighting(&frame, weak.bbox_px, weak.score, None)),
+                    frame.weak.iter().map(|weak| self.detection(&frame, weak.bbox_px, weak.score, None)),
                 );
             }
             tracker.push(&FrameMeasurements { stamp, delay_s, looked, cars, held, seen_again, boxes });
@@ -198,37 +198,8 @@ impl Pass<'_> {
         Ok((tracks, views))
     }
 
-    /// Returns the position of a vehicle whose box is more informative than its keypoints.
-    fn by_box(
-        &self,
-        record: &CarRecord,
-        car: usize,
-        frame: &FrameRecord,
-        hidden: [bool; 4],
-        view: &FrameCamera,
-        known: Option<&KnownCar>,
-    ) -> Option<CarMeasurement> {
-        let knowledge = match known {
-            Some(known) => Knowledge::Track {
-                body: known.vehicle.body,
-                heading_rad: known.pose.heading_rad,
-                heading_sd_rad: known.heading_sd_rad,
-            },
-            None => Knowledge::Label(record.class),
-        };
-        let found = ground_contact(&record.bbox_px, &frame.picture_px(), hidden, view, &knowledge)?;
-        let measured = measurement(found.pose, found.covariance, record, car);
-        Some(CarMeasurement { dims_m: Some(found.dims_m), ..measured })
-    }
-
     /// Builds the detection of a box that may be a vehicle; `car` is its index in the frame's cars, if it is one of them.
-    fn box_sighting(
-        &self,
-        frame: &FrameRecord,
-        bbox_px: [f64; 4],
-        score: f64,
-        car: Option<usize>,
-    ) -> BoxSighting {
+    fn detection(&self, frame: &FrameRecord, bbox_px: [f64; 4], score: f64, car: Option<usize>) -> Detection {
         let class = car.map_or(VehicleClass::Car, |car| frame.cars[car].class);
         let others = frame.cars.iter().enumerate().filter(|(other, _)| Some(*other) != car);
         let hidden = if self.config.track.takes(TrackStep::HiddenEdges) {
@@ -237,15 +208,14 @@ impl Pass<'_> {
             [false; 4]
         };
         let held = car.is_some_and(|car| frame.cars[car].held_since.is_some());
-        BoxSighting { bbox_px, score, class, cut: bbox_cut(&bbox_px, &frame.picture_px()), hidden, car, held }
+        Detection { bbox_px, score, class, cut: bbox_cut(&bbox_px, &frame.picture_px()), hidden, car, held }
     }
 }
 
 /// Builds the measurement of a car from its keypoints. If the car is known, its shape was fixed.
 fn by_keypoints(
     fit: &CarFit,
-    record: &CarRecord,
-    car: usize,
+    seen: Detection,
     any_car: ShapePrior,
     known: Option<&KnownCar>,
 ) -> CarMeasurement {
@@ -257,31 +227,27 @@ fn by_keypoints(
             (before, fit.car.shape_covariance.try_inverse().map_or(before, after))
         }
     };
-    let measured = measurement(fit.car.ground, fit.car.ground_covariance, record, car);
-    CarMeasurement { class: VehicleClass::Car, shape_before, shape, from_box: false, ..measured }
+    let detection = Detection { class: VehicleClass::Car, ..seen };
+    let measured = CarMeasurement::by_box(fit.car.ground, fit.car.ground_covariance, detection);
+    CarMeasurement { shape_before, shape, from_box: false, ..measured }
 }
 
-/// Builds the measurement of a vehicle by its box, without hidden edges and a size.
-fn measurement(pose: GroundPose, covariance: Matrix3<f64>, record: &CarRecord, car: usize) -> CarMeasurement {
-    CarMeasurement {
-        pose,
-        covariance,
-        bbox_px: record.bbox_px,
-        score: record.score,
-        class: record.class,
-        shape_before: ShapeBelief::default(),
-        shape: ShapeBelief::default(),
-        car,
-        from_box: true,
-        cut: [false; 4],
-        hidden: [false; 4],
-        known: false,
-        dims_m: None,
-        fit_rms_share: None,
-    }
-}
-
-/// Builds the measurement of a stationary vehicle that is carried over.
-fn held_car(record: &CarRecord, car: usize) -> HeldCar {
-    HeldCar { look: record.pose_from, bbox_px: record.bbox_px, score: record.score, car }
+/// Builds the measurement of a vehicle whose box is more informative than its keypoints.
+fn by_box(
+    seen: Detection,
+    picture_px: &[f64; 4],
+    view: &FrameCamera,
+    known: Option<&KnownCar>,
+) -> Option<CarMeasurement> {
+    let knowledge = match known {
+        Some(known) => Knowledge::Track {
+            body: known.vehicle.body,
+            heading_rad: known.pose.heading_rad,
+            heading_sd_rad: known.heading_sd_rad,
+        },
+        None => Knowledge::Label(seen.class),
+    };
+    let found = ground_contact(&seen.bbox_px, picture_px, seen.hidden, view, &knowledge)?;
+    let measured = CarMeasurement::by_box(found.pose, found.covariance, seen);
+    Some(CarMeasurement { dims_m: Some(found.dims_m), ..measured })
 }

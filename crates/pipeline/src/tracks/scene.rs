@@ -5,7 +5,7 @@ use roadplane_base::{FrameStamp, GroundPose, Shape, ShapeAtlas, VehicleClass};
 use roadplane_measure::{
     Body, FrameCamera, GroundContact, Knowledge, body_box, body_of, car_body, ground_contact,
 };
-use roadplane_track::{BoxSighting, Scene};
+use roadplane_track::{Detection, Scene};
 
 use crate::cameras::camera_track::CameraTrack;
 use crate::tracks::views::Views;
@@ -44,7 +44,7 @@ impl Scene for SiteScene<'_> {
         body_box(&FrameCamera::from(self.cameras.at(stamp.time_s())?), pose, class, dims_m)
     }
 
-    fn place(&self, stamp: &FrameStamp, seen: &BoxSighting, known: &Knowledge) -> Option<GroundContact> {
+    fn place(&self, stamp: &FrameStamp, seen: &Detection, known: &Knowledge) -> Option<GroundContact> {
         let estimate = self.cameras.at(stamp.time_s())?;
         let picture_px = self.views.picture_px(stamp.index, estimate.image_size_px);
         ground_contact(&seen.bbox_px, &picture_px, seen.hidden, &FrameCamera::from(estimate), known)

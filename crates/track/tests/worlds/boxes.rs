@@ -4,9 +4,7 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass};
 use roadplane_measure::{Body, GroundContact, Knowledge};
 use roadplane_synth::Rng;
-use roadplane_track::{
-    BoxSighting, CarMeasurement, FrameMeasurements, Scene, ShapeBelief, Track, TrackOptions, Tracker,
-};
+use roadplane_track::{CarMeasurement, Detection, FrameMeasurements, Scene, Track, TrackOptions, Tracker};
 
 use crate::world::{Path, body_box, camera, pose, times};
 
@@ -35,7 +33,7 @@ impl Scene for Bodies {
         body_box(pose, dims_m)
     }
 
-    fn place(&self, _: &FrameStamp, _: &BoxSighting, _: &Knowledge) -> Option<GroundContact> {
+    fn place(&self, _: &FrameStamp, _: &Detection, _: &Knowledge) -> Option<GroundContact> {
         None
     }
 }
@@ -46,21 +44,11 @@ fn sighting(class: VehicleClass, bbox_px: [f64; 4], axis_rad: f64) -> CarMeasure
     let [x0, _, x1, y1] = bbox_px;
     let foot = plane.world_from_pixel(&camera, &Vector2::new((x0 + x1) / 2.0, y1)).unwrap();
     let middle = foot * (1.0 + 2.0 / foot.norm());
+    let covariance = Matrix3::from_diagonal(&Vector3::new(1.0, 4.0, 1.0));
+    let seen = Detection { car: Some(0), ..Detection::uncut(bbox_px, 0.7, class) };
     CarMeasurement {
-        pose: pose(middle.x, middle.y, axis_rad),
-        covariance: Matrix3::from_diagonal(&Vector3::new(1.0, 4.0, 1.0)),
-        bbox_px,
-        score: 0.7,
-        class,
-        shape_before: ShapeBelief::default(),
-        shape: ShapeBelief::default(),
-        car: 0,
-        from_box: true,
-        cut: [false; 4],
-        hidden: [false; 4],
-        known: false,
         dims_m: Some([Vector3::new(7.5, 2.4, 3.0), Vector3::new(2.5, 0.2, 0.6)]),
-        fit_rms_share: None,
+        ..CarMeasurement::by_box(pose(middle.x, middle.y, axis_rad), covariance, seen)
     }
 }
 

@@ -214,12 +214,12 @@ fn a_car_that_waits_behind_a_mast_drives_off_as_one() {
         for car in 0..frame.cars.len() {
             // The part to the right of the mast looks like a car that is stationary farther ahead.
             let mut part = frame.cars[car].clone();
-            let width = part.bbox_px[2] - part.bbox_px[0];
-            part.bbox_px[0] += 0.45 * width;
-            part.bbox_px[2] += 0.15 * width;
+            let width = part.detection.bbox_px[2] - part.detection.bbox_px[0];
+            part.detection.bbox_px[0] += 0.45 * width;
+            part.detection.bbox_px[2] += 0.15 * width;
             part.pose.x_m += 1.9;
-            part.score = 0.45;
-            part.car = frame.cars.len();
+            part.detection.score = 0.45;
+            part.detection.car = Some(frame.cars.len());
             if waits && i % 3 > 0 {
                 frame.cars.push(part);
                 owners.push(Some(0));

@@ -152,7 +152,7 @@ fn labels_that_flip_cost_no_identity() {
     for car in seen.frames.iter_mut().flat_map(|frame| &mut frame.cars) {
         if random.unit() < 0.2 {
             // A box that is classed as a truck has no keypoints. It gives the position to a metre.
-            car.class = VehicleClass::Truck;
+            car.detection.class = VehicleClass::Truck;
             car.from_box = true;
             car.covariance += nalgebra::Matrix3::from_diagonal(&nalgebra::Vector3::new(0.8, 0.8, 0.8));
         }

@@ -62,9 +62,9 @@ fn a_parked_car_hidden_for_long_is_the_same_car() {
     let mut seen = world.see();
     // An object is in front of car 1 for 20 s.
     for (frame, owners) in seen.frames.iter_mut().zip(&mut seen.owners).skip(50).take(200) {
-        frame.cars.retain(|car| owners[car.car] != Some(1));
+        frame.cars.retain(|car| owners[car.detection.car.unwrap()] != Some(1));
         owners.retain(|owner| *owner != Some(1));
-        frame.cars.iter_mut().enumerate().for_each(|(i, car)| car.car = i);
+        frame.cars.iter_mut().enumerate().for_each(|(i, car)| car.detection.car = Some(i));
     }
     let tracks = track(&seen.frames);
     let index = assert_one_track_each(&tracks, &seen, 3)[1];
@@ -96,14 +96,14 @@ fn a_car_that_is_hidden_half_by_half_is_one_car() {
         let time_s = frame.stamp.time_s();
         frame.cars.retain(|_| !(5.0..7.0).contains(&time_s));
         for car in &mut frame.cars {
-            let [x0, _, x1, _] = car.bbox_px;
+            let [x0, _, x1, _] = car.detection.bbox_px;
             let middle = (x0 + x1) / 2.0;
             if (4.0..5.0).contains(&time_s) {
-                car.bbox_px[0] = middle;
-                car.hidden[0] = true;
+                car.detection.bbox_px[0] = middle;
+                car.detection.hidden[0] = true;
             } else if (7.0..8.0).contains(&time_s) {
-                car.bbox_px[2] = middle;
-                car.hidden[2] = true;
+                car.detection.bbox_px[2] = middle;
+                car.detection.hidden[2] = true;
             }
         }
     }
@@ -121,13 +121,13 @@ fn what_shows_where_a_lorry_stood_is_not_the_lorry() {
         let time_s = frame.stamp.time_s();
         frame.cars.retain(|_| !(5.0..6.0).contains(&time_s));
         for car in &mut frame.cars {
-            let [x0, y0, x1, y1] = car.bbox_px;
+            let [x0, y0, x1, y1] = car.detection.bbox_px;
             car.covariance = Matrix3::from_diagonal(&Vector3::new(3.0, 3.0, 0.1));
-            (car.from_box, car.class) = (true, VehicleClass::Truck);
+            (car.from_box, car.detection.class) = (true, VehicleClass::Truck);
             if time_s >= 6.0 {
-                car.bbox_px =
+                car.detection.bbox_px =
                     [x0 + 0.6 * (x1 - x0), y0 + 0.4 * (y1 - y0), x0 + 0.8 * (x1 - x0), y0 + 0.8 * (y1 - y0)];
-                car.hidden[0] = true;
+                car.detection.hidden[0] = true;
             }
         }
     }

@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 use roadplane_base::CarRef;
-use roadplane_track::{CarMeasurement, SeenAgain, TrackOptions, Tracker};
+use roadplane_track::{CarMeasurement, Detection, SeenAgain, TrackOptions, Tracker};
 
 use crate::{
     parked::lot,
@@ -29,11 +29,11 @@ fn a_second_box_on_a_car_makes_no_second_track() {
         for i in doubles {
             let mut double = frame.cars[i].clone();
             // A part of the car has a pose of its own nearby.
-            double.bbox_px[2] -= 0.25 * (double.bbox_px[2] - double.bbox_px[0]);
+            double.detection.bbox_px[2] -= 0.25 * (double.detection.bbox_px[2] - double.detection.bbox_px[0]);
             double.pose.x_m += 0.5;
             double.pose.y_m -= 0.6;
-            double.score = 0.5;
-            double.car = frame.cars.len();
+            double.detection.score = 0.5;
+            double.detection.car = Some(frame.cars.len());
             frame.cars.push(double);
             owners.push(Some(0));
         }
@@ -54,14 +54,14 @@ fn a_second_box_whose_place_scatters_makes_no_second_track() {
     for (i, (frame, owners)) in seen.frames.iter_mut().zip(&mut seen.owners).enumerate() {
         for car in 0..frame.cars.len() {
             let mut double = frame.cars[car].clone();
-            let [x0, _, x1, _] = double.bbox_px;
-            double.bbox_px[0] += 0.4 * (x1 - x0);
-            double.bbox_px[2] += 0.4 * (x1 - x0);
+            let [x0, _, x1, _] = double.detection.bbox_px;
+            double.detection.bbox_px[0] += 0.4 * (x1 - x0);
+            double.detection.bbox_px[2] += 0.4 * (x1 - x0);
             // The position differs in every frame. On average it is that of the car.
             double.pose.y_m += if i % 2 == 0 { 1.8 } else { -1.8 };
             double.covariance *= 4.0;
-            double.score = 0.4;
-            double.car = frame.cars.len();
+            double.detection.score = 0.4;
+            double.detection.car = Some(frame.cars.len());
             frame.cars.push(double);
             owners.push(Some(0));
         }
@@ -81,10 +81,11 @@ fn a_car_that_is_seen_again_takes_no_other_box() {
         let index = |owner: usize| owners.iter().position(|o| *o == Some(owner));
         match (index(0), look) {
             (Some(front), _) if measured == 0 => {
-                look = Some(CarRef { frame: frame.stamp.index, car: frame.cars[front].car });
+                let car = frame.cars[front].detection.car.unwrap();
+                look = Some(CarRef { frame: frame.stamp.index, car });
             }
             (Some(front), Some(look)) => {
-                frame.seen_again.push(SeenAgain { look, bbox_px: frame.cars[front].bbox_px });
+                frame.seen_again.push(SeenAgain { look, bbox_px: frame.cars[front].detection.bbox_px });
             }
             _ => {}
         }
@@ -162,7 +163,7 @@ fn nonsense_is_counted_and_left_out() {
         match i % 4 {
             0 => car.pose.x_m = f64::NAN,
             1 => car.covariance = Matrix3::zeros(),
-            2 => car.bbox_px = [5.0, 5.0, 5.0, 9.0],
+            2 => car.detection.bbox_px = [5.0, 5.0, 5.0, 9.0],
             _ => car.shape.information[(0, 0)] = f64::INFINITY,
         }
         tracker.push(&frame);
@@ -184,13 +185,13 @@ fn a_vehicle_whose_place_is_vague_takes_nobody_elses_track() {
         let gone = frame.stamp.time_s() > 1.5;
         for (car, owner) in frame.cars.iter_mut().zip(owners.iter()) {
             if *owner == Some(1) {
-                car.class = roadplane_base::VehicleClass::Truck;
+                car.detection.class = roadplane_base::VehicleClass::Truck;
                 car.from_box = true;
                 car.covariance = Matrix3::from_diagonal(&nalgebra::Vector3::new(16.0, 64.0, 0.3));
             }
         }
         let first = owners.iter().position(|owner| *owner == Some(0));
-        frame.cars.retain(|car| !(gone && first == Some(car.car)));
+        frame.cars.retain(|car| !(gone && first == car.detection.car));
     }
     let tracks = track(&seen.frames);
     assert_eq!(tracks.len(), 2, "{:?}", owners(&tracks, &seen));
@@ -205,10 +206,14 @@ fn parts_of_one_car_are_one_and_cars_in_a_row_are_two() {
     let mut frames = world.see().frames;
     for (i, frame) in frames.iter_mut().enumerate() {
         let whole = frame.cars[0].clone();
-        let [x0, y0, x1, y1] = whole.bbox_px;
+        let [x0, y0, x1, y1] = whole.detection.bbox_px;
         let middle = (x0 + x1) / 2.0;
-        let rear = CarMeasurement { bbox_px: [x0, y0, middle + 3.0, y1], ..whole.clone() };
-        let front = CarMeasurement { bbox_px: [middle - 3.0, y0, x1, y1], car: 1, ..whole };
+        let part = |bbox_px, car| CarMeasurement {
+            detection: Detection { bbox_px, car: Some(car), ..whole.detection },
+            ..whole.clone()
+        };
+        let rear = part([x0, y0, middle + 3.0, y1], 0);
+        let front = part([middle - 3.0, y0, x1, y1], 1);
         frame.cars = match i {
             0..24 => vec![rear],
             24..26 => vec![rear, front],
@@ -221,7 +226,9 @@ fn parts_of_one_car_are_one_and_cars_in_a_row_are_two() {
     let world = World::new(vec![drive(0.0), drive(-6.0)], seeing, times(5.0, 10.0), 8);
     let mut frames = world.see().frames;
     for (i, frame) in frames.iter_mut().enumerate() {
-        frame.cars.retain(|car| if i < 24 { car.car == 0 } else { i < 26 || car.car == 1 });
+        frame.cars.retain(|car| {
+            if i < 24 { car.detection.car == Some(0) } else { i < 26 || car.detection.car == Some(1) }
+        });
     }
     assert_eq!(track(&frames).len(), 2);
 }

@@ -5,7 +5,7 @@ use std::f64::consts::FRAC_PI_2;
 use nalgebra::{Matrix3, Vector2, Vector3};
 use roadplane_base::{FrameStamp, GroundPose, VehicleClass};
 use roadplane_measure::{GroundContact, Knowledge};
-use roadplane_track::{BoxSighting, FrameMeasurements, Scene, Track, TrackOptions, Tracker};
+use roadplane_track::{Detection, FrameMeasurements, Scene, Track, TrackOptions, Tracker};
 
 use crate::world::{Path, Seeing, World, box_of, camera, parked, pose, straight, times};
 
@@ -13,7 +13,7 @@ use crate::world::{Path, Seeing, World, box_of, camera, parked, pose, straight, 
 struct OnTheGround;
 
 impl Scene for OnTheGround {
-    fn place(&self, _: &FrameStamp, seen: &BoxSighting, vehicle: &Knowledge) -> Option<GroundContact> {
+    fn place(&self, _: &FrameStamp, seen: &Detection, vehicle: &Knowledge) -> Option<GroundContact> {
         let (camera, plane) = camera();
         let [x0, _, x1, y1] = seen.bbox_px;
         let foot = plane.world_from_pixel(&camera, &Vector2::new((x0 + x1) / 2.0, y1))?;
@@ -29,17 +29,9 @@ impl Scene for OnTheGround {
 }
 
 /// Returns a box of the detector. A certain box has the index `car` in the frame's list.
-fn seen(bbox_px: [f64; 4], car: Option<usize>) -> BoxSighting {
+fn seen(bbox_px: [f64; 4], car: Option<usize>) -> Detection {
     let score = if car.is_some() { 0.6 } else { 0.4 };
-    BoxSighting {
-        bbox_px,
-        score,
-        class: VehicleClass::Car,
-        cut: [false; 4],
-        hidden: [false; 4],
-        car,
-        held: false,
-    }
+    Detection { car, ..Detection::uncut(bbox_px, score, VehicleClass::Car) }
 }
 
 /// Returns the frames of a world in which the detector is certain of the cars only from 2 s to 4 s. One false box stays
@@ -49,7 +41,7 @@ fn unsure(cars: Vec<Path>) -> Vec<FrameMeasurements> {
     for (i, frame) in frames.iter_mut().enumerate() {
         let weak = |bbox_px| seen(bbox_px, None);
         if !(20..40).contains(&i) {
-            frame.boxes = frame.cars.drain(..).map(|car| weak(car.bbox_px)).collect();
+            frame.boxes = frame.cars.drain(..).map(|car| weak(car.detection.bbox_px)).collect();
         }
         let jump = 130.0 * (4 * i % 11) as f64;
         frame.boxes.push(weak([100.0 + jump, 700.0, 220.0 + jump, 780.0]));
@@ -145,8 +137,7 @@ fn a_car_that_shows_no_keypoints_at_first_is_the_one_that_does_later() {
     for frame in &mut frames[..20] {
         let car = &mut frame.cars[0];
         car.from_box = true;
-        let bbox_px = car.bbox_px;
-        frame.boxes.push(seen(bbox_px, Some(car.car)));
+        frame.boxes.push(seen(car.detection.bbox_px, car.detection.car));
     }
     assert_eq!(follow(&frames, &())[0].states.len(), 40);
     let tracks = follow(&frames, &OnTheGround);
@@ -160,7 +151,11 @@ fn sure_now_and_then(car: Path, nth: usize) -> Vec<FrameMeasurements> {
     let mut frames = World::new(vec![car], Seeing::perfect(), times(6.0, 10.0), 3).see().frames;
     for (i, frame) in frames.iter_mut().enumerate() {
         let is_sure = i % nth == 0;
-        frame.boxes = frame.cars.iter().map(|car| seen(car.bbox_px, is_sure.then_some(car.car))).collect();
+        frame.boxes = frame
+            .cars
+            .iter()
+            .map(|car| seen(car.detection.bbox_px, car.detection.car.filter(|_| is_sure)))
+            .collect();
         frame.cars.retain(|_| is_sure);
     }
     frames
@@ -193,7 +188,7 @@ fn a_stationary_car_with_high_scores_needs_no_keypoints() {
         // The boxes jitter, which is no driving.
         let jitter = |i: u64| 3.0 * ((i * 7 % 5) as f64 - 2.0);
         let jittered = |i| bbox_px.map(|px| px + jitter(i));
-        let sighting = |i| BoxSighting { score, held: held(i), ..seen(jittered(i), Some(0)) };
+        let sighting = |i| Detection { score, held: held(i), ..seen(jittered(i), Some(0)) };
         let boxes = |i| Vec::from_iter(found(i).then(|| sighting(i)));
         let frame = |i| FrameMeasurements {
             boxes: boxes(i),
@@ -218,10 +213,10 @@ fn a_part_of_a_vehicle_that_goes_along_with_it_is_no_vehicle() {
     let mut frames = World::new(vec![drive()], Seeing::perfect(), times(6.0, 10.0), 3).see().frames;
     let behind = |frames: &mut [FrameMeasurements], gap_px: f64| {
         for (i, frame) in frames.iter_mut().enumerate() {
-            let [x0, y0, x1, y1] = frame.cars[0].bbox_px;
+            let [x0, y0, x1, y1] = frame.cars[0].detection.bbox_px;
             let part = [2.0 * x0 - x1 - gap_px, y0, x0 - gap_px, y1];
             let sure = (i % 6 == 0).then_some(1);
-            frame.boxes = vec![seen([x0, y0, x1, y1], Some(frame.cars[0].car)), seen(part, sure)];
+            frame.boxes = vec![seen([x0, y0, x1, y1], frame.cars[0].detection.car), seen(part, sure)];
         }
     };
     behind(&mut frames, -5.0);

@@ -3,7 +3,9 @@
 use nalgebra::{Matrix2, Matrix3, Matrix6, Point3, Vector2, Vector3};
 use roadplane_base::{Camera, FrameStamp, GroundPlane, GroundPose, Shape, VehicleClass};
 use roadplane_synth::Rng;
-use roadplane_track::{CarMeasurement, FrameMeasurements, ShapeBelief, Track, TrackOptions, Tracker};
+use roadplane_track::{
+    CarMeasurement, Detection, FrameMeasurements, ShapeBelief, Track, TrackOptions, Tracker,
+};
 
 /// How well the keypoints of cars usually fit.
 pub const GOOD_FIT: f64 = 0.018;
@@ -190,25 +192,19 @@ impl World {
                 let turn = if turned { std::f64::consts::PI } else { 0.0 };
                 let covariance =
                     root * root.transpose() / seeing.sd_ratio.powi(2) + Matrix3::identity() * 1e-12;
+                let measured = GroundPose {
+                    x_m: pose.x_m + error.x,
+                    y_m: pose.y_m + error.y,
+                    heading_rad: roadplane_base::wrap_angle(pose.heading_rad + error.z + turn),
+                };
+                let bbox_px = std::array::from_fn(|i| bbox[i] + jitter[i]);
+                let seen =
+                    Detection { car: Some(cars.len()), ..Detection::uncut(bbox_px, 0.8, VehicleClass::Car) };
                 cars.push(CarMeasurement {
-                    pose: GroundPose {
-                        x_m: pose.x_m + error.x,
-                        y_m: pose.y_m + error.y,
-                        heading_rad: roadplane_base::wrap_angle(pose.heading_rad + error.z + turn),
-                    },
-                    covariance,
-                    bbox_px: std::array::from_fn(|i| bbox[i] + jitter[i]),
-                    score: 0.8,
-                    class: VehicleClass::Car,
-                    shape_before: ShapeBelief::default(),
                     shape: ShapeBelief { mean: Shape::repeat(0.3), information: Matrix6::identity() * 3.0 },
-                    car: cars.len(),
                     from_box: false,
-                    cut: [false; 4],
-                    hidden: [false; 4],
-                    known: false,
-                    dims_m: None,
                     fit_rms_share: Some(GOOD_FIT),
+                    ..CarMeasurement::by_box(measured, covariance, seen)
                 });
                 owners.push(Some(k));
             }
@@ -216,21 +212,13 @@ impl World {
             let place = pose(30.0 * (x - 0.5), 15.0 + 30.0 * y, 6.0 * turn);
             if let (true, Some(bbox_px)) = (alarm < seeing.false_alarms, box_of(&place)) {
                 let root = noise_root(&place, seeing);
+                let covariance = root * root.transpose() + Matrix3::identity() * 1e-12;
+                let seen =
+                    Detection { car: Some(cars.len()), ..Detection::uncut(bbox_px, 0.4, VehicleClass::Car) };
                 cars.push(CarMeasurement {
-                    pose: place,
-                    covariance: root * root.transpose() + Matrix3::identity() * 1e-12,
-                    bbox_px,
-                    score: 0.4,
-                    class: VehicleClass::Car,
-                    shape_before: ShapeBelief::default(),
-                    shape: ShapeBelief::default(),
-                    car: cars.len(),
                     from_box: false,
-                    cut: [false; 4],
-                    hidden: [false; 4],
-                    known: false,
-                    dims_m: None,
                     fit_rms_share: Some(BAD_FIT),
+                    ..CarMeasurement::by_box(place, covariance, seen)
                 });
                 owners.push(None);
             }
