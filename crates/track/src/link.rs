@@ -26,7 +26,7 @@
 use std::{collections::BTreeMap, f64::consts::PI, ops::AddAssign as _};
 
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
-use roadplane_base::{assign, fold_axis, upper_median};
+use roadplane_base::{assign, bbox_iou, fold_axis, upper_median};
 
 use crate::{
     expected::{HALF_LANE_M, HIDDEN_S},
@@ -62,8 +62,8 @@ pub(crate) fn link(
     log_odds: impl Fn(&RawTrack) -> Option<f64>,
 ) -> Vec<RawTrack> {
     tracklets.retain(|track| !track.observations.is_empty());
-    let starts: Vec<End> = tracklets.iter().map(|track| End::of(track, false)).collect();
-    let ends: Vec<End> = tracklets.iter().map(|track| End::of(track, true)).collect();
+    let starts: Vec<End> = tracklets.iter().map(|track| End::of(track, &track.observations, false)).collect();
+    let ends: Vec<End> = tracklets.iter().map(|track| End::of(track, &track.observations, true)).collect();
     let exists_p: Vec<f64> = tracklets.iter().map(|track| log_odds(track).map_or(1.0, sigmoid)).collect();
     let arrivals = Arrivals::new(&starts, &ends);
     // A tracklet that continues itself stays apart: probably, it is no vehicle.
@@ -71,6 +71,9 @@ pub(crate) fn link(
     let mut gains: Vec<(usize, usize, f64)> = exists_p.iter().enumerate().filter_map(clutter).collect();
     for (i, end) in ends.iter().enumerate() {
         for (j, start) in starts.iter().enumerate().filter(|(j, _)| *j != i) {
+            let before = before_takeover(&tracklets[i], &tracklets[j]);
+            let before = before.map(|part| End::of(&tracklets[i], part, true));
+            let end = before.as_ref().unwrap_or(end);
             let gap_s = start.time_s - end.time_s;
             if gap_s <= 0.0 || gap_s > HIDDEN_S {
                 continue;
@@ -91,6 +94,28 @@ pub(crate) fn link(
         }
     }
     chains(tracklets, &next)
+}
+
+/// Returns the earlier tracklet's detections before the later one begins, if it takes over a vehicle that has two boxes
+/// for a while. Then it begins near the end of the earlier one, and their boxes touch. `None` without such an overlap.
+fn before_takeover<'a>(earlier: &'a RawTrack, later: &RawTrack) -> Option<&'a [Sighting]> {
+    let (all, new) = (&earlier.observations, &later.observations);
+    let (first, last) = (new.first()?, all.last()?);
+    let outlasts = first.frame <= last.frame && last.frame < new.last()?.frame;
+    if !outlasts || last.time_s - first.time_s > MOTION_S || earlier.is_boxed || later.is_boxed {
+        return None;
+    }
+    let (before, tail) = all.split_at(all.partition_point(|seen| seen.frame < first.frame));
+    let touches = |seen: &Sighting| {
+        let other = &new[new.binary_search_by_key(&seen.frame, |other| other.frame).ok()?];
+        Some(bbox_iou(&seen.detection.bbox_px, &other.detection.bbox_px) > 0.0)
+    };
+    let (mut touching, mut common) = (0, 0);
+    for touches in tail.iter().filter_map(touches) {
+        touching += usize::from(touches);
+        common += 1;
+    }
+    (!before.is_empty() && 2 * touching > common).then_some(before)
 }
 
 /// The driving vehicles that appear where tracklets begin.
@@ -197,6 +222,8 @@ fn chains(tracklets: Vec<RawTrack>, next: &[Option<(usize, f64)>]) -> Vec<RawTra
         while let Some((then, log_odds)) = next[at] {
             let Some(later) = left[then].take() else { break };
             let begins = later.observations.first().map_or(usize::MAX, |first| first.frame);
+            // A tracklet that takes over begins before the earlier one ends.
+            track.observations.retain(|seen| seen.frame < begins);
             track.links.push(Link { frame: begins, log_odds });
             track.append(later);
             at = then;
@@ -229,9 +256,8 @@ struct End {
 }
 
 impl End {
-    /// Computes the beginning of a track, or with `last` its end.
-    fn of(track: &RawTrack, last: bool) -> Self {
-        let all = &track.observations;
+    /// Computes the beginning of a track, or with `last` its end. `all` are its detections.
+    fn of(track: &RawTrack, all: &[Sighting], last: bool) -> Self {
         let edge = if last { &all[all.len() - 1] } else { &all[0] };
         let near = |o: &&Sighting| (o.time_s - edge.time_s).abs() <= MOTION_S;
         let part: Vec<&Sighting> = all.iter().filter(near).collect();

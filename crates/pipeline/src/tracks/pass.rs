@@ -2,10 +2,8 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::Matrix3;
 use roadplane_base::{
-    CarRef, FrameRecord, FrameStamp, GroundPose, PoseRecord, ShapeAtlas, VehicleClass, bbox_cut,
-    bbox_part_seen,
+    CarRef, FrameRecord, FrameStamp, PoseRecord, ShapeAtlas, VehicleClass, bbox_cut, bbox_part_seen,
 };
 use roadplane_geo::Place;
 use roadplane_measure::{FrameCamera, Knowledge, fit_frame, ground_contact, hidden_edges, projected_box};

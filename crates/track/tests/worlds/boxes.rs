@@ -6,7 +6,7 @@ use roadplane_measure::{Body, GroundContact, Knowledge};
 use roadplane_synth::Rng;
 use roadplane_track::{CarMeasurement, Detection, FrameMeasurements, Scene, Track, TrackOptions, Tracker};
 
-use crate::world::{Path, body_box, camera, pose, times};
+use crate::world::{Path, body_box, camera, pose, straight, times};
 
 /// Length, width and height of the lorry, m.
 const LORRY_M: Vector3<f64> = Vector3::new(9.5, 2.5, 3.4);
@@ -119,4 +119,26 @@ fn a_mast_before_a_lorry_moves_it_nowhere() {
     println!("{worst:.2} m");
     assert!(worst < 1.0);
     assert!(speeds.iter().all(|speed| *speed == 0.0), "{speeds:?}");
+}
+
+#[test]
+fn a_bus_with_two_boxes_for_a_moment_is_one_vehicle() {
+    let path = straight(pose(-9.0, 30.0, 0.0), 5.0);
+    let mut tracker = Tracker::new(TrackOptions::default());
+    for (index, time_s) in times(4.0, 10.0).into_iter().enumerate() {
+        let [x0, y0, x1, y1] = body_box(&path(time_s).unwrap(), &LORRY_M).unwrap();
+        let rear = [x0, y0, x0 + 0.6 * (x1 - x0), y1];
+        let front = [x0 + 0.4 * (x1 - x0), y0, x1, y1];
+        // An object hides the middle for a moment, and then the rear.
+        let boxes = match index {
+            0..20 => vec![[x0, y0, x1, y1]],
+            20..22 => vec![rear, front],
+            _ => vec![front],
+        };
+        let cars = boxes.into_iter().map(|bbox_px| sighting(VehicleClass::Bus, bbox_px, 0.0)).collect();
+        let stamp = FrameStamp { index: index as u64, pts_nanos: (time_s * 1e9).round() as i64 };
+        tracker.push(&FrameMeasurements::seen(stamp, cars));
+    }
+    let tracks = tracker.finish(&Bodies).tracks;
+    assert_eq!(tracks.iter().map(|track| track.states.len()).collect::<Vec<_>>(), [40]);
 }
