@@ -20,6 +20,9 @@
 //! begins, others that drive appear at the rate r. So in flowing traffic, a vehicle is not the stationary one that was
 //! there before.
 //!
+//! A vehicle may have two boxes for some frames. A tracklet that begins on one of them continues the tracklet that ends
+//! on the other. The earlier one then counts only up to this beginning.
+//!
 //! A tracklet of boxes alone may be no vehicle. With the probability p that it is one (`existence.rs`), keeping it
 //! apart from all others gains −log p. In the assignment, its end is then its own beginning.
 
@@ -110,12 +113,9 @@ fn before_takeover<'a>(earlier: &'a RawTrack, later: &RawTrack) -> Option<&'a [S
         let other = &new[new.binary_search_by_key(&seen.frame, |other| other.frame).ok()?];
         Some(bbox_iou(&seen.detection.bbox_px, &other.detection.bbox_px) > 0.0)
     };
-    let (mut touching, mut common) = (0, 0);
-    for touches in tail.iter().filter_map(touches) {
-        touching += usize::from(touches);
-        common += 1;
-    }
-    (!before.is_empty() && 2 * touching > common).then_some(before)
+    let touching: Vec<bool> = tail.iter().filter_map(touches).collect();
+    let most_touch = 2 * touching.iter().filter(|touches| **touches).count() > touching.len();
+    (!before.is_empty() && most_touch).then_some(before)
 }
 
 /// The driving vehicles that appear where tracklets begin.
