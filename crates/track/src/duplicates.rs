@@ -16,7 +16,9 @@ const NEAR_S: f64 = MOTION_S / 2.0;
 pub(crate) fn merge_duplicates(tracks: Vec<RawTrack>) -> Vec<RawTrack> {
     let mut kept: Vec<RawTrack> = Vec::new();
     for track in by_strength(tracks) {
-        match kept.iter().position(|strong| coincide(strong, &track, same_car)) {
+        match kept.iter().position(|strong| {
+            coincide(strong, &track, |near, own| is_near(near, own) && same_car(near, own))
+        }) {
             Some(index) => fill(&mut kept[index], track),
             None => kept.push(track),
         }
@@ -35,9 +37,10 @@ pub(crate) fn merge_smoothed(
         let states = smooth(&track);
         let strong = kept.iter().position(|(strong, strong_states)| {
             coincide(strong, &track, |near, own| {
-                let poses = pose(strong, strong_states, near).zip(pose(&track, &states, own));
-                poses.is_some_and(|(a, b)| {
-                    in_one_place(&a, &near.detection.bbox_px, &b, &own.detection.bbox_px)
+                // While the stronger track is not detected, its filled states show where it is.
+                let there = pose(strong, strong_states, own).or_else(|| pose(strong, strong_states, near));
+                pose(&track, &states, own).zip(there).is_some_and(|(a, b)| {
+                    in_one_place(&a, &own.detection.bbox_px, &b, &near.detection.bbox_px)
                 })
             })
         });
@@ -77,7 +80,7 @@ fn by_strength(mut tracks: Vec<RawTrack>) -> Vec<RawTrack> {
 /// a detection of the stronger track with one of the weaker.
 fn coincide(strong: &RawTrack, weak: &RawTrack, same: impl Fn(&Sighting, &Sighting) -> bool) -> bool {
     let together: Vec<&Sighting> = weak.observations.iter().filter(|o| lives(strong, o.time_s)).collect();
-    let shared = together.iter().filter(|o| at(strong, o).is_some_and(|near| same(near, o))).count();
+    let shared = together.iter().filter(|o| nearest(strong, o).is_some_and(|near| same(near, o))).count();
     shared >= FEWEST.min(weak.observations.len()) && 2 * shared > together.len()
 }
 
@@ -87,13 +90,18 @@ fn lives(track: &RawTrack, time_s: f64) -> bool {
     ends.is_some_and(|(first, last)| first.time_s - NEAR_S < time_s && time_s < last.time_s + NEAR_S)
 }
 
-/// Returns the detection that is nearest in time to one of another track; `None` if it is too far away in time.
-fn at<'a>(track: &'a RawTrack, other: &Sighting) -> Option<&'a Sighting> {
+/// Returns the detection that is nearest in time to one of another track.
+fn nearest<'a>(track: &'a RawTrack, other: &Sighting) -> Option<&'a Sighting> {
     let after = track.observations.partition_point(|o| o.frame < other.frame);
     let around = [after.checked_sub(1), Some(after)].into_iter().flatten();
-    let near = around.filter_map(|i| track.observations.get(i));
     let gap_s = |o: &Sighting| (o.time_s - other.time_s).abs();
-    near.min_by(|a, b| gap_s(a).total_cmp(&gap_s(b))).filter(|o| gap_s(o) <= NEAR_S)
+    let near = around.filter_map(|i| track.observations.get(i));
+    near.min_by(|a, b| gap_s(a).total_cmp(&gap_s(b)))
+}
+
+/// Whether two detections are near in time.
+fn is_near(a: &Sighting, b: &Sighting) -> bool {
+    (a.time_s - b.time_s).abs() <= NEAR_S
 }
 
 /// Inserts the detections of the weaker track where the stronger has none.
@@ -107,9 +115,71 @@ fn fill(strong: &mut RawTrack, weak: RawTrack) {
     for observation in weak.observations {
         if let Err(place) = strong.observations.binary_search_by_key(&observation.frame, |o| o.frame)
             && (before_or_after(&observation)
-                || at(strong, &observation).is_some_and(|near| same_car(near, &observation)))
+                || nearest(strong, &observation)
+                    .is_some_and(|near| !is_near(near, &observation) || same_car(near, &observation)))
         {
             strong.observations.insert(place, observation);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{CarMeasurement, Detection, shape::ShapeSum};
+    use nalgebra::{Matrix3, Vector2};
+    use roadplane_base::{FrameStamp, GroundPose, VehicleClass};
+    use std::ops::Range;
+
+    /// Returns a pose on the ground.
+    fn place(x_m: f64) -> GroundPose {
+        GroundPose { x_m, y_m: 30.0, heading_rad: 0.0 }
+    }
+
+    /// Returns the track of a stationary car that is detected in these frames, ten per second.
+    fn parked(x_m: f64, frames: impl Iterator<Item = usize>) -> RawTrack {
+        let seen = |frame| Sighting {
+            frame,
+            time_s: 0.1 * frame as f64,
+            pose: Vector3::new(x_m, 30.0, 0.0),
+            covariance: Matrix3::identity() * 0.04,
+            detection: Detection::uncut([100.0, 100.0, 160.0, 140.0], 0.8, VehicleClass::Car),
+            from_box: false,
+            fit_rms_share: None,
+        };
+        let all: Vec<Sighting> = frames.map(seen).collect();
+        let car = CarMeasurement::by_box(place(x_m), Matrix3::identity(), all[0].detection);
+        let mut track = RawTrack::new(&car, all[0].clone(), ShapeSum::new(Vector2::new(x_m, 30.0), 0.0));
+        track.insert(&all[1..]);
+        track
+    }
+
+    /// Returns a state for each frame from the first detection to the last, at the position of the first.
+    fn standing(track: &RawTrack) -> Vec<TrackState> {
+        let (first, last) = (&track.observations[0], &track.observations[track.observations.len() - 1]);
+        let frames: Range<usize> = first.frame..last.frame + 1;
+        let state = |frame: usize| TrackState {
+            stamp: FrameStamp { index: frame as u64, pts_nanos: 0 },
+            observed: false,
+            pose: place(first.pose.x),
+            pose_sd: Vector3::zeros(),
+            speed_mps: 0.0,
+            speed_sd_mps: 0.0,
+            bbox_px: None,
+            score: 0.0,
+            car: None,
+        };
+        frames.map(state).collect()
+    }
+
+    #[test]
+    fn a_car_in_the_place_of_a_track_that_is_not_detected_is_the_same() {
+        let gap = || parked(0.0, (0..30).chain(70..100));
+        let merged = |x_m: f64| merge_smoothed(vec![gap(), parked(x_m, 40..60)], standing);
+        let one = merged(0.5);
+        assert_eq!(one.len(), 1);
+        assert_eq!(one[0].0.observations.len(), 80);
+        assert!(one[0].0.observations.is_sorted_by_key(|seen| seen.frame));
+        assert_eq!(merged(4.0).len(), 2);
     }
 }
