@@ -13,7 +13,7 @@ use roadplane_base::{FrameStamp, GroundPose, VehicleClass, upper_median};
 use roadplane_measure::{Body, Edge, OUTLINE_SD, OUTWARD, REACH, STEP, edge_sd_px};
 
 use crate::{
-    Scene,
+    Detection, Scene,
     chain::Blocks,
     descent::descend,
     measurement::Sighting,
@@ -54,26 +54,19 @@ impl Look {
         together: f64,
         stamp: impl Fn(&Sighting) -> FrameStamp,
     ) -> Option<Self> {
-        let looks: Vec<&Sighting> = sightings.iter().filter(|o| !o.detection.held).collect();
-        let first = *looks.first()?;
+        let first = sightings.iter().find(|o| !o.detection.held)?;
+        let looks: Vec<&Detection> = sightings.iter().map(|o| &o.detection).filter(|o| !o.held).collect();
         let edge = |i: usize| {
             let of = |own: bool| {
-                looks
-                    .iter()
-                    .filter(move |o| !own || !o.detection.goes_on()[i])
-                    .map(|o| o.detection.bbox_px[i])
-                    .collect()
+                looks.iter().filter(move |o| !own || !o.goes_on()[i]).map(|o| o.bbox_px[i]).collect()
             };
             let mut own: Vec<f64> = of(true);
             let is_own = !own.is_empty();
             if !is_own {
                 own = of(false);
             }
-            (
-                upper_median(&mut own, f64::total_cmp).unwrap_or(first.detection.bbox_px[i]),
-                own.len() as f64,
-                is_own,
-            )
+            let median_px = upper_median(&mut own, f64::total_cmp).unwrap_or(first.detection.bbox_px[i]);
+            (median_px, own.len() as f64, is_own)
         };
         let edges: [_; 4] = std::array::from_fn(edge);
         let width_px = edges[2].0 - edges[0].0;
@@ -81,7 +74,7 @@ impl Look {
         let side_px = width_px.min(height_px).max(1.0);
         let edges = std::array::from_fn(|i| {
             let (seen_px, count, is_own) = edges[i];
-            let is_cut = !is_own && looks.iter().any(|o| o.detection.cut[i]);
+            let is_cut = !is_own && looks.iter().any(|o| o.cut[i]);
             Edge {
                 seen_px,
                 sd_px: edge_sd_px(side_px),

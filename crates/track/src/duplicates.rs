@@ -16,10 +16,9 @@ const NEAR_S: f64 = MOTION_S / 2.0;
 pub(crate) fn merge_duplicates(tracks: Vec<RawTrack>) -> Vec<RawTrack> {
     let mut kept: Vec<RawTrack> = Vec::new();
     for track in by_strength(tracks) {
-        match kept.iter().position(|strong| {
-            coincide(strong, &track, |near, own| is_near(near, own) && same_car(near, own))
-        }) {
-            Some(index) => fill(&mut kept[index], track),
+        let same = |near: &Sighting, own: &Sighting| is_near(near, own) && same_car(near, own);
+        match kept.iter_mut().find(|strong| coincide(strong, &track, same)) {
+            Some(strong) => fill(strong, track),
             None => kept.push(track),
         }
     }
@@ -77,7 +76,7 @@ fn by_strength(mut tracks: Vec<RawTrack>) -> Vec<RawTrack> {
 }
 
 /// Whether two tracks coincide: most of the weaker track's detections during the stronger track's life. `same` compares
-/// a detection of the stronger track with one of the weaker.
+/// each of them with the stronger track's detection that is nearest in time.
 fn coincide(strong: &RawTrack, weak: &RawTrack, same: impl Fn(&Sighting, &Sighting) -> bool) -> bool {
     let together: Vec<&Sighting> = weak.observations.iter().filter(|o| lives(strong, o.time_s)).collect();
     let shared = together.iter().filter(|o| nearest(strong, o).is_some_and(|near| same(near, o))).count();
@@ -129,7 +128,6 @@ mod tests {
     use crate::{CarMeasurement, Detection, shape::ShapeSum};
     use nalgebra::{Matrix3, Vector2};
     use roadplane_base::{FrameStamp, GroundPose, VehicleClass};
-    use std::ops::Range;
 
     /// Returns a pose on the ground.
     fn place(x_m: f64) -> GroundPose {
@@ -157,7 +155,6 @@ mod tests {
     /// Returns a state for each frame from the first detection to the last, at the position of the first.
     fn standing(track: &RawTrack) -> Vec<TrackState> {
         let (first, last) = (&track.observations[0], &track.observations[track.observations.len() - 1]);
-        let frames: Range<usize> = first.frame..last.frame + 1;
         let state = |frame: usize| TrackState {
             stamp: FrameStamp { index: frame as u64, pts_nanos: 0 },
             observed: false,
@@ -169,7 +166,7 @@ mod tests {
             score: 0.0,
             car: None,
         };
-        frames.map(state).collect()
+        (first.frame..=last.frame).map(state).collect()
     }
 
     #[test]

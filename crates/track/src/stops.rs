@@ -64,9 +64,8 @@ fn moves(part: &[Sighting]) -> bool {
     // When a car drives along the line of sight, its box stays and grows. So the corners are compared, and not only the
     // centre.
     let corner = |x: usize, y: usize| -> Vec<(f64, Vector2<f64>)> {
-        part.iter()
-            .map(|o| (o.time_s, Vector2::new(o.detection.bbox_px[x], o.detection.bbox_px[y])))
-            .collect()
+        let at = |px: &[f64; 4]| Vector2::new(px[x], px[y]);
+        part.iter().map(|o| (o.time_s, at(&o.detection.bbox_px))).collect()
     };
     let centre: Vec<(f64, Vector2<f64>)> =
         part.iter().map(|o| (o.time_s, bbox_centre(&o.detection.bbox_px))).collect();
