@@ -1,5 +1,6 @@
 //! Reliability of the tracker's probabilities: that a track is a vehicle, and that a join is right.
 
+use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
@@ -12,6 +13,8 @@ use crate::systems::FusedClip;
 
 /// Least overlap (IoU) of a row's box with the box of a vehicle that it shows. Boxes of hidden vehicles are rough.
 const MIN_IOU: f64 = 0.35;
+/// Length of the time beside a gap whose rows show the vehicle, s.
+const BESIDE_S: f64 = 1.0;
 /// Number of bins of the probability.
 const BINS: usize = 10;
 
@@ -45,22 +48,35 @@ pub(super) fn existence_claims(truth: &Truth, clip: &FusedClip) -> Vec<Claim> {
     counts.into_iter().filter_map(claim).collect()
 }
 
-/// Compares the joins of a clip's tracks with its true vehicles. A join is right if the rows next to the gap show the same
-/// vehicle. Joins between two rows that show no vehicle do not count.
+/// Compares the joins of a clip's tracks with its true vehicles. A join is right if the rows of the last second before the
+/// gap and of the first one after it mostly show the same vehicle. A single box next to a gap often shows a part only.
+/// Joins between rows that show no vehicle do not count.
 pub(super) fn join_claims(truth: &Truth, clip: &FusedClip) -> Vec<Claim> {
-    let mut vehicles: BTreeMap<(u64, u64), Option<u64>> = BTreeMap::new();
+    let mut vehicles: BTreeMap<u64, Vec<(f64, Option<u64>)>> = BTreeMap::new();
     for (row, vehicle) in shown(truth, &clip.rows) {
-        vehicles.insert((row.track, row.frame), vehicle);
+        vehicles.entry(row.track).or_default().push((row.time_s, vehicle));
     }
     let joins = clip.joins.iter().flat_map(|(track, joins)| joins.iter().map(move |join| (*track, join)));
     let claim = |(track, join): (u64, &Join)| {
-        let before = vehicles.get(&(track, join.from.index)).copied()?;
-        let after = vehicles.get(&(track, join.to.index)).copied()?;
+        let rows = vehicles.get(&track)?;
+        let before = most_frequent(rows, join.from.time_s() - BESIDE_S, join.from.time_s())?;
+        let after = most_frequent(rows, join.to.time_s(), join.to.time_s() + BESIDE_S)?;
         before.or(after)?;
         let (p, features) = (join.same_vehicle_p(), join.features().to_vec());
         Some(Claim { track, p, is_true: before == after, features })
     };
     joins.filter_map(claim).collect()
+}
+
+/// Returns the vehicle that most rows from time `from` to time `to` (s) show. `rows` has the time and the vehicle of each
+/// row. The inner value is `None` if they show no vehicle, and the outer one without rows.
+fn most_frequent(rows: &[(f64, Option<u64>)], from: f64, to: f64) -> Option<Option<u64>> {
+    let near = rows.iter().filter(|(time_s, _)| (from - 1e-6..=to + 1e-6).contains(time_s));
+    let mut counts: BTreeMap<Option<u64>, usize> = BTreeMap::new();
+    near.for_each(|(_, vehicle)| *counts.entry(*vehicle).or_default() += 1);
+    // Rows with a vehicle come first, and of several vehicles the one with the lowest number.
+    let first = |(vehicle, count): &(Option<u64>, usize)| (vehicle.is_some(), *count, Reverse(*vehicle));
+    counts.into_iter().max_by_key(first).map(|(vehicle, _)| vehicle)
 }
 
 /// Returns each observed row in a frame with truth, and the vehicle that it shows.
@@ -136,4 +152,26 @@ pub(super) fn claims_csv<'a>(clips: impl Iterator<Item = (&'a str, &'a [Claim])>
         }
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn most_rows_near_a_gap_name_the_vehicle() {
+        let rows = [
+            (0.2, Some(5)),
+            (2.0, Some(7)),
+            (2.1, Some(7)),
+            (2.2, Some(3)),
+            (2.3, None),
+            (2.4, None),
+            (2.5, None),
+        ];
+        assert_eq!(most_frequent(&rows, 1.5, 2.5), Some(Some(7)));
+        assert_eq!(most_frequent(&rows, 2.2, 2.5), Some(Some(3)), "one row that shows a vehicle is enough");
+        assert_eq!(most_frequent(&rows, 2.3, 2.5), Some(None));
+        assert_eq!(most_frequent(&rows, 1.0, 1.5), None);
+    }
 }
