@@ -49,8 +49,8 @@ pub(super) fn existence_claims(truth: &Truth, clip: &FusedClip) -> Vec<Claim> {
 }
 
 /// Compares the joins of a clip's tracks with its true vehicles. A join is right if the rows of the last second before the
-/// gap and of the first one after it mostly show the same vehicle. A single box next to a gap often shows a part only.
-/// Joins between rows that show no vehicle do not count.
+/// gap and of the first one after it mostly show the same vehicle. Rows without a vehicle count only if all others have
+/// none, too: a box next to a gap often shows a part of the vehicle. Joins between rows that show no vehicle do not count.
 pub(super) fn join_claims(truth: &Truth, clip: &FusedClip) -> Vec<Claim> {
     let mut vehicles: BTreeMap<u64, Vec<(f64, Option<u64>)>> = BTreeMap::new();
     for (row, vehicle) in shown(truth, &clip.rows) {
@@ -68,8 +68,8 @@ pub(super) fn join_claims(truth: &Truth, clip: &FusedClip) -> Vec<Claim> {
     joins.filter_map(claim).collect()
 }
 
-/// Returns the vehicle that most rows from time `from` to time `to` (s) show. `rows` has the time and the vehicle of each
-/// row. The inner value is `None` if they show no vehicle, and the outer one without rows.
+/// Returns the vehicle that the rows from time `from` to time `to` (s) show most often. `rows` has the time and the vehicle
+/// of each row. The inner value is `None` if no row shows a vehicle, and the outer one without rows.
 fn most_frequent(rows: &[(f64, Option<u64>)], from: f64, to: f64) -> Option<Option<u64>> {
     let near = rows.iter().filter(|(time_s, _)| (from - 1e-6..=to + 1e-6).contains(time_s));
     let mut counts: BTreeMap<Option<u64>, usize> = BTreeMap::new();
