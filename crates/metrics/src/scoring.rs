@@ -10,6 +10,8 @@ pub use boxes3d::{body_centre_m, score_box};
 pub use poses::{PoseScore, score_pose, score_poses};
 pub use tracks::{TrackScore, score_tracks};
 
+use std::collections::BTreeMap;
+
 use roadplane_base::{VehicleClass, assign, bbox_iou};
 
 use crate::truth::{Model, TrueCar};
@@ -49,4 +51,12 @@ pub fn pairs_by_box(boxes_px: &[[f64; 4]], cars: &[&TrueCar]) -> Vec<Option<usiz
         let overlap = |truth: &[f64; 4]| bbox_iou(&boxes_px[i], truth);
         1.0 - overlap(&cars[j].bbox_px).max(overlap(&cars[j].whole_bbox_px))
     })
+}
+
+/// Returns the most frequent value. If several values are equally frequent, returns the smallest of these values.
+#[must_use]
+pub fn most_frequent<T: Ord + Copy>(values: impl Iterator<Item = T>) -> Option<T> {
+    let mut counts: BTreeMap<T, usize> = BTreeMap::new();
+    values.for_each(|value| *counts.entry(value).or_default() += 1);
+    counts.into_iter().rev().max_by_key(|(_, count)| *count).map(|(value, _)| value)
 }

@@ -119,7 +119,7 @@ pub fn evaluate_tracker(
         reliability_table(
             "Probability that a join over a gap is right",
             "joins",
-            "A join is right if most rows within a second before and after the gap show the same vehicle (IoU from 0.35 on).",
+            "A join is right if the rows within a second of the gap mostly show the same vehicle (IoU from 0.35 on).",
             &joins.concat(),
         ),
     ];

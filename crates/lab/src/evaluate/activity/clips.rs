@@ -15,7 +15,7 @@ use super::rows::{ActivityOptions, Row, Rows, Seen, VIDEO, picture_motion, predi
 use super::scores::{Case, differences, each_label, table};
 use super::truths::{car_counts, cars_by_id, heading_of, true_events, true_intervals, true_labels};
 use crate::LabError;
-use roadplane_metrics::scoring::pairs_by_box;
+use roadplane_metrics::scoring::{most_frequent, pairs_by_box};
 use roadplane_metrics::truth::{Kind, TrueCar, Truth, read_dataset, read_truth};
 
 /// Time before and after a change of the true label in which both labels are right, s. The value is about the time
@@ -230,13 +230,6 @@ fn clip_found(truth: &Truth, rows: &[TrackRow], systems: &mut Rows) -> Result<Fo
 fn reported_event(event: &Event, car: Option<u64>) -> ReportedEvent {
     let span_s = [event.from_s, event.to_s];
     ReportedEvent { car, label: event.activity, span_s, confidence: event.confidence }
-}
-
-/// Returns the most frequent value. If several values are equally frequent, returns the smallest of these values.
-fn most_frequent<T: Ord + Copy>(values: impl Iterator<Item = T>) -> Option<T> {
-    let mut counts: BTreeMap<T, usize> = BTreeMap::new();
-    values.for_each(|value| *counts.entry(value).or_default() += 1);
-    counts.into_iter().rev().max_by_key(|(_, count)| *count).map(|(value, _)| value)
 }
 
 /// Predictions of the net *3D* from the true tracks.

@@ -1,10 +1,10 @@
 //! Reliability of the tracker's probabilities: that a track is a vehicle, and that a join is right.
 
-use std::cmp::Reverse;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
 use roadplane_base::{TrackRow, bbox_iou};
+use roadplane_metrics::scoring::most_frequent;
 use roadplane_metrics::truth::{TrueCar, Truth};
 use roadplane_tables::{Cell, Column, Table};
 use roadplane_track::Join;
@@ -59,8 +59,8 @@ pub(super) fn join_claims(truth: &Truth, clip: &FusedClip) -> Vec<Claim> {
     let joins = clip.joins.iter().flat_map(|(track, joins)| joins.iter().map(move |join| (*track, join)));
     let claim = |(track, join): (u64, &Join)| {
         let rows = vehicles.get(&track)?;
-        let before = most_frequent(rows, join.from.time_s() - BESIDE_S, join.from.time_s())?;
-        let after = most_frequent(rows, join.to.time_s(), join.to.time_s() + BESIDE_S)?;
+        let before = vehicle_between(rows, join.from.time_s() - BESIDE_S, join.from.time_s())?;
+        let after = vehicle_between(rows, join.to.time_s(), join.to.time_s() + BESIDE_S)?;
         before.or(after)?;
         let (p, features) = (join.same_vehicle_p(), join.features().to_vec());
         Some(Claim { track, p, is_true: before == after, features })
@@ -70,13 +70,10 @@ pub(super) fn join_claims(truth: &Truth, clip: &FusedClip) -> Vec<Claim> {
 
 /// Returns the vehicle that the rows from time `from` to time `to` (s) show most often. `rows` has the time and the vehicle
 /// of each row. The inner value is `None` if no row shows a vehicle, and the outer one without rows.
-fn most_frequent(rows: &[(f64, Option<u64>)], from: f64, to: f64) -> Option<Option<u64>> {
-    let near = rows.iter().filter(|(time_s, _)| (from - 1e-6..=to + 1e-6).contains(time_s));
-    let mut counts: BTreeMap<Option<u64>, usize> = BTreeMap::new();
-    near.for_each(|(_, vehicle)| *counts.entry(*vehicle).or_default() += 1);
-    // Rows with a vehicle come first, and of several vehicles the one with the lowest number.
-    let first = |(vehicle, count): &(Option<u64>, usize)| (vehicle.is_some(), *count, Reverse(*vehicle));
-    counts.into_iter().max_by_key(first).map(|(vehicle, _)| vehicle)
+fn vehicle_between(rows: &[(f64, Option<u64>)], from: f64, to: f64) -> Option<Option<u64>> {
+    let mut near = rows.iter().filter(|(time_s, _)| (from - 1e-6..=to + 1e-6).contains(time_s)).peekable();
+    near.peek()?;
+    Some(most_frequent(near.filter_map(|(_, vehicle)| *vehicle)))
 }
 
 /// Returns each observed row in a frame with truth, and the vehicle that it shows.
@@ -169,9 +166,9 @@ mod tests {
             (2.4, None),
             (2.5, None),
         ];
-        assert_eq!(most_frequent(&rows, 1.5, 2.5), Some(Some(7)));
-        assert_eq!(most_frequent(&rows, 2.2, 2.5), Some(Some(3)), "one row that shows a vehicle is enough");
-        assert_eq!(most_frequent(&rows, 2.3, 2.5), Some(None));
-        assert_eq!(most_frequent(&rows, 1.0, 1.5), None);
+        assert_eq!(vehicle_between(&rows, 1.5, 2.5), Some(Some(7)));
+        assert_eq!(vehicle_between(&rows, 2.2, 2.5), Some(Some(3)), "one row that shows a vehicle is enough");
+        assert_eq!(vehicle_between(&rows, 2.3, 2.5), Some(None));
+        assert_eq!(vehicle_between(&rows, 1.0, 1.5), None);
     }
 }
