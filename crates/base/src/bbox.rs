@@ -88,6 +88,22 @@ pub fn bbox_covered(a: &[f64; 4], b: &[f64; 4]) -> f64 {
     if smaller > 0.0 { intersection(a, b) / smaller } else { 0.0 }
 }
 
+/// Returns a part of a box, px. `shares` are its left, top, right and bottom as shares of the box's width and height.
+#[must_use]
+pub fn bbox_part([x0, y0, x1, y1]: &[f64; 4], shares: &[f64; 4]) -> [f64; 4] {
+    let ([left, top, right, bottom], w, h) = (shares, x1 - x0, y1 - y0);
+    [x0 + left * w, y0 + top * h, x0 + right * w, y0 + bottom * h]
+}
+
+/// Whether a point of a vehicle's box lies in the box of a nearer vehicle, px. A box that ends lower in the picture is
+/// nearer to the camera.
+#[must_use]
+pub fn bbox_hidden_at(bbox_px: &[f64; 4], point_px: &Vector2<f64>, others: &[[f64; 4]]) -> bool {
+    let holds =
+        |[x0, y0, x1, y1]: &[f64; 4]| (*x0..=*x1).contains(&point_px.x) && (*y0..=*y1).contains(&point_px.y);
+    others.iter().any(|other| other[3] > bbox_px[3] && holds(other))
+}
+
 fn area([x0, y0, x1, y1]: &[f64; 4]) -> f64 {
     (x1 - x0).max(0.0) * (y1 - y0).max(0.0)
 }

@@ -57,8 +57,11 @@ fn frame() -> FrameRecord {
         watch: Some(watch),
         scene_lines: Some(vec![line.into()]),
         scene_curves: Some(vec![curve.into()]),
-        cars: vec![CarRecord::boxed([1.0, 2.0, 31.0, 22.0]), carried_over],
-        weak: vec![WeakBox { bbox_px: [51.0, 2.0, 81.0, 22.0], score: 0.2 }],
+        cars: vec![
+            CarRecord { colour_rgb: Some([120, 0, 255]), ..CarRecord::boxed([1.0, 2.0, 31.0, 22.0]) },
+            carried_over,
+        ],
+        weak: vec![WeakBox { bbox_px: [51.0, 2.0, 81.0, 22.0], score: 0.2, colour_rgb: Some([1, 2, 3]) }],
         ..FrameRecord::empty(7, 0.28, SIZE)
     }
 }
@@ -72,6 +75,7 @@ fn a_frame_with_all_fields_survives() {
     assert_eq!(value["image_size_px"], json!([640, 360]));
     assert_eq!(value["scene_lines"][0], json!([10.0, 20.0, 10.5, 80.0, 0.01]));
     assert_eq!(value["scene_curves"][0][6], json!(0.25));
+    assert_eq!(value["cars"][0]["colour_rgb"], json!([120, 0, 255]));
     assert_eq!(value["cars"][1]["pose_from"], json!([3, 1]));
     assert_eq!(value["watch"]["moved"]["kind"], json!("turned"));
     assert_eq!(frame().cars[1].longer_side_px(), 40.0);

@@ -66,7 +66,7 @@ impl FrameDetections {
             self.vehicles.insert_box(&self.view.in_keyframe(&one.bbox));
             let Some(record) = record(one, width, height) else { continue };
             if one.score < self.options.min_score {
-                self.weak.push(WeakBox { bbox_px: record.bbox_px, score: record.score });
+                self.weak.push(WeakBox { bbox_px: record.bbox_px, score: record.score, colour_rgb: None });
             } else {
                 self.found.push(record);
             }
@@ -109,7 +109,8 @@ mod tests {
 
     #[test]
     fn weak_boxes_show_other_things_than_the_vehicles_found() {
-        let weak = |x0: f64, x1: f64| WeakBox { bbox_px: [x0, 100.0, x1, 150.0], score: 0.2 };
+        let weak =
+            |x0: f64, x1: f64| WeakBox { bbox_px: [x0, 100.0, x1, 150.0], score: 0.2, colour_rgb: None };
         // The list contains one object twice, the vehicle, more than half of the vehicle, and an object that the
         // vehicle hides a little.
         let all = [

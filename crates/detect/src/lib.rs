@@ -16,8 +16,10 @@
 //!                     → regions        parts of the picture that cover these areas   (regions.rs)
 //!                     → Detector       runs the net in the passes   (detector.rs, resample.rs, decode.rs)
 //!                     → FrameDetections  merges the boxes   (frame_detections.rs, merge.rs)
+//!                     → measure_colours  the mean colour of each box   (colour.rs)
 //! ```
 
+mod colour;
 mod decode;
 mod detector;
 mod error;
@@ -31,6 +33,7 @@ mod resample;
 mod tiles;
 mod tracked_box;
 
+pub use colour::measure_colours;
 pub use detector::Detector;
 pub use error::DetectError;
 pub use options::DetectOptions;

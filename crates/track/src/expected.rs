@@ -4,6 +4,7 @@ use roadplane_base::{bbox_around, bbox_iou, bbox_part_seen};
 
 use crate::{
     box_motion::{BoxMotion, COAST_S},
+    colour::Colour,
     filter::{Filter, GATE},
     measurement::Sighting,
 };
@@ -28,6 +29,8 @@ pub(crate) struct Expected {
     pub motion: BoxMotion,
     /// Box of the whole vehicle while it is stationary, px, even where a part is hidden.
     rest_px: [f64; 4],
+    /// Colour of the vehicle; `None` while none was measured.
+    colour: Option<Colour>,
 }
 
 impl Expected {
@@ -37,6 +40,7 @@ impl Expected {
             filter: Filter::new(&first.pose, &first.covariance, first.time_s),
             motion: BoxMotion::new(first.detection.bbox_px, first.time_s),
             rest_px: first.detection.bbox_px,
+            colour: Colour::of(first),
         }
     }
 
@@ -46,6 +50,11 @@ impl Expected {
         let seen_px = sighting.detection.bbox_px;
         // A part of a stationary vehicle may be hidden, so its box only grows.
         self.rest_px = if self.filter.is_still() { bbox_around(&self.rest_px, &seen_px) } else { seen_px };
+        let gap_s = self.motion.unseen_s(sighting.time_s);
+        match (&mut self.colour, Colour::of(sighting)) {
+            (Some(colour), Some(new)) => colour.follow(new, gap_s),
+            (colour, new) => *colour = colour.or(new),
+        }
         self.motion.see(seen_px, sighting.time_s);
     }
 
@@ -69,9 +78,15 @@ impl Expected {
         (self.motion.unseen_s(time_s) <= COAST_S).then(|| self.motion.at(time_s))
     }
 
-    /// Returns the cost of a detection: 0 for a perfect match, 1 and more for none. Pose and overlap cost up to 0.5
-    /// each.
+    /// Returns the cost of a detection: 0 for a perfect match, 1 and more for none. Pose, overlap and colour cost up to
+    /// 0.5 each.
     pub(crate) fn cost(&self, sighting: &Sighting) -> f64 {
+        let colours = self.colour.zip(Colour::of(sighting));
+        self.cost_of_place(sighting) + 0.5 * colours.map_or(0.0, |(own, other)| own.difference(other))
+    }
+
+    /// Returns the part of the cost that comes from the pose and from the box.
+    fn cost_of_place(&self, sighting: &Sighting) -> f64 {
         let distance = self.filter.distance(&sighting.pose, &sighting.covariance, sighting.time_s);
         let near = (distance / GATE).min(1.0);
         let Some(expected) = self.box_px(sighting.time_s) else {
@@ -135,5 +150,19 @@ mod tests {
         assert!(cost(84.0, 2.0, [100.0, 200.0, 125.0, 230.0]) < 1.0);
         assert!(cost(90.5, 0.5, SLIVER) < 1.0 && cost(88.0, 3.0, SLIVER) < 1.0);
         assert!(cost(84.0, 2.0, SLIVER) >= 1.0);
+    }
+
+    #[test]
+    fn a_box_of_another_colour_costs_up_to_a_half_more() {
+        let coloured = |colour_rgb: Option<[u8; 3]>, time_s: f64| {
+            let mut seen = sighting(20.0, 0.3, [100.0, 200.0, 150.0, 230.0], time_s);
+            seen.detection.colour_rgb = colour_rgb;
+            seen
+        };
+        let expected = Expected::new(&coloured(Some([150, 20, 20]), 0.0));
+        let [unknown, same, other] =
+            [None, Some([150, 20, 20]), Some([90; 3])].map(|colour| expected.cost(&coloured(colour, 0.1)));
+        assert!((same - unknown).abs() < 1e-9, "{same} {unknown}");
+        assert!(same + 0.3 < other && other < same + 0.5, "{same} {other}");
     }
 }

@@ -35,6 +35,7 @@ mod box_motion;
 mod by_boxes;
 mod chain;
 mod clock;
+mod colour;
 mod complete;
 mod delays;
 mod descent;

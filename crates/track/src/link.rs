@@ -12,7 +12,7 @@
 //!
 //! ```text
 //! log Σ_mode P(mode, Δt) p(position, velocity after | before, mode) / (λ + r τ_mode) − log p(velocity)
-//!     + terms of class and size
+//!     + terms of class, size and colour
 //! ```
 //!
 //! An undetected vehicle has three modes: it was stationary, it drove on, or it crept on in a queue. In each, τ is the
@@ -32,6 +32,7 @@ use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 use roadplane_base::{assign, bbox_iou, fold_axis, upper_median};
 
 use crate::{
+    colour::Colour,
     expected::{HALF_LANE_M, HIDDEN_S},
     filter::{MOTION_S, SPEED_SD, STANDING_MPS, STANDING_SHARE, STILL_M, driven, mixed},
     join::{features, probability},
@@ -251,6 +252,8 @@ struct End {
     driving: f64,
     /// Logarithm of the vehicle's size: diagonal of the box (px) times the distance (m).
     log_size: f64,
+    /// Mean colour; `None` where none was measured.
+    colour: Option<Colour>,
     /// Votes for each class.
     votes: Votes,
 }
@@ -286,6 +289,7 @@ impl End {
             standing,
             driving,
             log_size: upper_median(&mut sizes, f64::total_cmp).unwrap_or_default(),
+            colour: Colour::mean(part.iter().copied()),
             votes: track.votes,
         }
     }
@@ -351,7 +355,8 @@ fn gain(end: &End, start: &End, gap_s: f64, arrivals: f64) -> f64 {
     let crept = mode(STANDS_S, creep_density(end, start, &way, &places, gap_s));
     let same = SHARES[0] * stood + SHARES[1] * drove + SHARES[2] * crept;
     let new = mixed(start.standing, start.driving);
-    (same.max(1e-300) / new.max(1e-300)).ln() + class_gain(end, start) + size_gain(end, start)
+    let colours = end.colour.zip(start.colour).map_or(0.0, |(before, after)| before.same_vehicle(after));
+    (same.max(1e-300) / new.max(1e-300)).ln() + class_gain(end, start) + size_gain(end, start) + colours
 }
 
 /// Returns the density of position and velocity after a gap (s) in which the vehicle drove on.

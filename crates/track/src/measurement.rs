@@ -42,6 +42,9 @@ pub struct Detection {
     pub score: f64,
     /// Class that the detector gives the box.
     pub class: VehicleClass,
+    /// Mean colour of the middle of the box: red, green, blue. `None` where nearer vehicles hide it, and where it was not
+    /// measured.
+    pub colour_rgb: Option<[u8; 3]>,
     /// Edges (left, top, right, bottom) at which the picture cuts the vehicle off.
     pub cut: [bool; 4],
     /// Edges (left, top, right, bottom) at which another vehicle begins.
@@ -56,7 +59,16 @@ impl Detection {
     /// Creates the detection of a box that shows its whole vehicle. It is weak.
     #[must_use]
     pub fn uncut(bbox_px: [f64; 4], score: f64, class: VehicleClass) -> Self {
-        Self { bbox_px, score, class, cut: [false; 4], hidden: [false; 4], car: None, held: false }
+        Self {
+            bbox_px,
+            score,
+            class,
+            colour_rgb: None,
+            cut: [false; 4],
+            hidden: [false; 4],
+            car: None,
+            held: false,
+        }
     }
 
     /// Whether the detector is certain of the box: its score is high enough to count as a vehicle.

@@ -10,13 +10,16 @@ pub const FEATURES: usize = 7;
 /// Number of features of a join (`join.rs`).
 pub const JOIN_FEATURES: usize = 3;
 
-/// Weights of the logistic models.
+/// Weights of the logistic models, and the numbers of colours.
 #[derive(Default, Deserialize)]
 pub(crate) struct Numbers {
     /// Weights of the features of existence.
     pub existence: SVector<f64, FEATURES>,
     /// Weights of the features of a join.
     pub same_vehicle: SVector<f64, JOIN_FEATURES>,
+    /// Difference of colours: sds of its light and of its tint for one vehicle, 0–255, and the ratio of the sds of two
+    /// vehicles and of one.
+    pub colour: [f64; 3],
 }
 
 /// The numbers of the file that is a part of the program. A test checks it.
@@ -33,8 +36,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_file_has_one_weight_for_each_feature() {
+    fn the_file_has_all_numbers() {
         let weights = NUMBERS.existence.iter().chain(&NUMBERS.same_vehicle);
         assert!(weights.clone().all(|weight| weight.is_finite() && *weight != 0.0));
+        let [light_sd, tint_sd, ratio] = NUMBERS.colour;
+        assert!(light_sd > 0.0 && tint_sd > 0.0 && ratio > 1.0);
     }
 }

@@ -84,7 +84,7 @@ fn write_all(folder: &Path) {
         scene_lines: Some(Vec::new()),
         scene_curves: Some(Vec::new()),
         cars: vec![CarRecord::boxed([1.0, 2.0, 31.0, 22.0])],
-        weak: vec![WeakBox { bbox_px: [51.0, 2.0, 81.0, 22.0], score: 0.2 }],
+        weak: vec![WeakBox { bbox_px: [51.0, 2.0, 81.0, 22.0], score: 0.2, colour_rgb: Some([1, 2, 3]) }],
         ..FrameRecord::empty(3, 0.12, SIZE)
     };
     frames.append(&frame).unwrap();

@@ -19,6 +19,8 @@ pub struct CarRecord {
     pub score: f64,
     /// Class of the vehicle.
     pub class: VehicleClass,
+    /// Mean colour of the middle of its box: red, green, blue. `None` where nearer vehicles hide it.
+    pub colour_rgb: Option<[u8; 3]>,
     /// Keypoints. They are absent before the keypoint stage, and if the pose is carried over from an earlier frame.
     pub keypoints: Option<Box<KeypointSet>>,
     /// Index of the earlier frame from which the box is carried over. The picture at the box has not changed since that
@@ -42,6 +44,9 @@ pub struct WeakBox {
     /// Score of the detector, 0 to 1. It is below the detector's threshold.
     #[schemars(range(min = 0, max = 1))]
     pub score: f64,
+    /// Mean colour of the middle of its box: red, green, blue. Absent where nearer vehicles hide it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub colour_rgb: Option<[u8; 3]>,
 }
 
 /// A reference to a vehicle in a frame. Files store it as `[frame, car]`: the index of the frame, and the index in the
@@ -81,6 +86,7 @@ impl CarRecord {
             bbox_px,
             score: 1.0,
             class: VehicleClass::Car,
+            colour_rgb: None,
             keypoints: None,
             held_since: None,
             pose_from: None,
@@ -107,6 +113,9 @@ struct CarFields {
     score: f64,
     /// Class of the vehicle.
     class: VehicleClass,
+    /// Mean colour of the middle of its box: red, green, blue. Absent where nearer vehicles hide it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    colour_rgb: Option<[u8; 3]>,
     /// The 36 keypoints, each `[x, y, score, sd]`: x, y and sd in px, score from 0 to 1. A keypoint without a
     /// measurement is null. The sd is the same in all directions, unless `keypoint_covariances_px2` has an entry for
     /// the keypoint. The list is absent before the keypoint stage, and if the pose is carried over from an earlier
@@ -155,6 +164,7 @@ impl From<CarRecord> for CarFields {
             bbox_px: car.bbox_px,
             score: car.score,
             class: car.class,
+            colour_rgb: car.colour_rgb,
             keypoints: set.map(|set| set.iter().map(|p| p.as_ref().map(row)).collect()),
             keypoint_covariances_px2: directed
                 .map(|set| set.iter().map(|p| p.as_ref().map(covariance)).collect()),
@@ -192,7 +202,8 @@ impl TryFrom<CarFields> for CarRecord {
             }
             keypoints = Some(set);
         }
-        let CarFields { bbox_px, score, class, held_since, pose_from, seen_after, extra, .. } = fields;
-        Ok(Self { bbox_px, score, class, keypoints, held_since, pose_from, seen_after, extra })
+        let CarFields { bbox_px, score, class, colour_rgb, held_since, pose_from, seen_after, extra, .. } =
+            fields;
+        Ok(Self { bbox_px, score, class, colour_rgb, keypoints, held_since, pose_from, seen_after, extra })
     }
 }

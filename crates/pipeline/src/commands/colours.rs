@@ -4,7 +4,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 use image::RgbImage;
-use roadplane_base::{TrackRow, upper_median};
+use nalgebra::Vector2;
+use roadplane_base::{TrackRow, bbox_hidden_at, bbox_part, upper_median};
 
 use crate::stream::streaming::{open_input, stream};
 use crate::{Cancel, Config, PipelineError, Progress};
@@ -77,18 +78,11 @@ fn area(row: &TrackRow) -> f64 {
 /// Returns the pixels of a vehicle's body in its box. Pixels inside the boxes of nearer vehicles are left out. If this
 /// leaves no pixel, all pixels of the body are returned. `there` has the boxes of all vehicles in the frame.
 fn body_pixels(image: &RgbImage, bbox: &[f64; 4], there: &[[f64; 4]]) -> Vec<[u8; 3]> {
-    let [x0, y0, x1, y1] = *bbox;
-    let at = |low: f64, high: f64, share: f64| (low + share * (high - low)).round().max(0.0) as u32;
-    let columns = at(x0, x1, BODY[0])..at(x0, x1, BODY[2]).min(image.width());
-    let lines = at(y0, y1, BODY[1])..at(y0, y1, BODY[3]).min(image.height());
+    let [x0, y0, x1, y1] = bbox_part(bbox, &BODY).map(|edge| edge.round().max(0.0) as u32);
+    let (columns, lines) = (x0..x1.min(image.width()), y0..y1.min(image.height()));
     let body: Vec<(u32, u32)> = lines.flat_map(|y| columns.clone().map(move |x| (x, y))).collect();
-    // The box of a vehicle that is nearer to the camera ends lower in the picture.
-    let nearer: Vec<&[f64; 4]> = there.iter().filter(|other| other[3] > y1).collect();
-    let hidden = |&(x, y): &(u32, u32)| {
-        let (x, y) = (f64::from(x), f64::from(y));
-        nearer.iter().any(|[left, top, right, bottom]| x >= *left && x <= *right && y >= *top && y <= *bottom)
-    };
-    let free: Vec<(u32, u32)> = body.iter().copied().filter(|pixel| !hidden(pixel)).collect();
+    let hidden = |(x, y): (u32, u32)| bbox_hidden_at(bbox, &Vector2::new(f64::from(x), f64::from(y)), there);
+    let free: Vec<(u32, u32)> = body.iter().copied().filter(|pixel| !hidden(*pixel)).collect();
     let seen = if free.is_empty() { body } else { free };
     seen.into_iter().map(|(x, y)| image.get_pixel(x, y).0).collect()
 }

@@ -1,7 +1,7 @@
 //! The stages that process pictures: first watch, then detect, then keypoints.
 
 use roadplane_base::PictureVerdict;
-use roadplane_detect::{Detector, RoiScheduler};
+use roadplane_detect::{Detector, RoiScheduler, measure_colours};
 use roadplane_keypoints::{KeypointNet, Schedule};
 use roadplane_watch::Watcher;
 
@@ -62,8 +62,8 @@ pub(crate) fn detect_stage<'a>(
     })
 }
 
-/// Creates the stage that finds the keypoints of cars. Without region-of-interest scheduling, the net runs on every car
-/// of every inference frame.
+/// Creates the stage that measures the colours of boxes and finds the keypoints of cars. Without region-of-interest
+/// scheduling, the net runs on every car of every inference frame.
 pub fn keypoint_stage(net: &mut KeypointNet, cadence: Cadence) -> Stage<'_> {
     let schedule = move || Schedule::new(cadence.crops_every);
     let mut memory = (0, schedule());
@@ -71,6 +71,9 @@ pub fn keypoint_stage(net: &mut KeypointNet, cadence: Cadence) -> Stage<'_> {
         let interval = interval_of(work.record.time_s);
         if memory.0 != interval || !cadence.uses_regions {
             memory = (interval, schedule());
+        }
+        if let Some(image) = &work.image {
+            measure_colours(image, &mut work.record);
         }
         Ok(net.follow(&mut memory.1, work.image.as_ref(), &mut work.record)?)
     })

@@ -107,7 +107,8 @@ impl Pass<'_> {
                     seen_again.push(SeenAgain { look, bbox_px: record.bbox_px });
                     continue;
                 }
-                let seen = self.detection(&frame, record.bbox_px, record.score, Some(index));
+                let seen =
+                    self.detection(&frame, record.bbox_px, record.score, record.colour_rgb, Some(index));
                 boxes.extend(known.map(|_| seen));
                 let carried_over = HeldCar { look: record.pose_from, detection: seen };
                 // A carried-over box with keypoints is a new measurement.
@@ -169,7 +170,10 @@ impl Pass<'_> {
             let looked = frame.watch.as_ref().is_none_or(|watch| watch.looked);
             if known.is_some() {
                 boxes.extend(
-                    frame.weak.iter().map(|weak| self.detection(&frame, weak.bbox_px, weak.score, None)),
+                    frame
+                        .weak
+                        .iter()
+                        .map(|weak| self.detection(&frame, weak.bbox_px, weak.score, weak.colour_rgb, None)),
                 );
             }
             tracker.push(&FrameMeasurements { stamp, delay_s, looked, cars, held, seen_again, boxes });
@@ -197,7 +201,14 @@ impl Pass<'_> {
     }
 
     /// Builds the detection of a box that may be a vehicle; `car` is its index in the frame's cars, if it is one of them.
-    fn detection(&self, frame: &FrameRecord, bbox_px: [f64; 4], score: f64, car: Option<usize>) -> Detection {
+    fn detection(
+        &self,
+        frame: &FrameRecord,
+        bbox_px: [f64; 4],
+        score: f64,
+        colour_rgb: Option<[u8; 3]>,
+        car: Option<usize>,
+    ) -> Detection {
         let class = car.map_or(VehicleClass::Car, |car| frame.cars[car].class);
         let others = frame.cars.iter().enumerate().filter(|(other, _)| Some(*other) != car);
         let hidden = if self.config.track.takes(TrackStep::HiddenEdges) {
@@ -206,7 +217,16 @@ impl Pass<'_> {
             [false; 4]
         };
         let held = car.is_some_and(|car| frame.cars[car].held_since.is_some());
-        Detection { bbox_px, score, class, cut: bbox_cut(&bbox_px, &frame.picture_px()), hidden, car, held }
+        Detection {
+            bbox_px,
+            score,
+            class,
+            colour_rgb,
+            cut: bbox_cut(&bbox_px, &frame.picture_px()),
+            hidden,
+            car,
+            held,
+        }
     }
 }
 

@@ -232,3 +232,30 @@ fn parts_of_one_car_are_one_and_cars_in_a_row_are_two() {
     }
     assert_eq!(track(&frames).len(), 2);
 }
+
+#[test]
+fn of_two_cars_after_a_gap_the_one_with_the_old_colour_continues_the_track() {
+    let drive = |ahead_m: f64, from_s: f64, to_s: f64| {
+        let place = move |t: f64| pose(ahead_m + 5.0 * t - 12.0, 26.0, 0.0);
+        Box::new(move |t: f64| (from_s..to_s).contains(&t).then(|| place(t))) as Path
+    };
+    let lanes = || vec![drive(0.0, 0.0, 1.5), drive(2.7, 2.5, 5.0), drive(-2.7, 2.5, 5.0)];
+    let seeing = Seeing { missed: 0.0, false_alarms: 0.0, ..Seeing::usual() };
+    let (red, grey) = ([150, 20, 20], [90; 3]);
+    for (same, colours) in [(1, [red, red, grey]), (2, [red, grey, red])] {
+        let mut continued = [0; 3];
+        for seed in 0..10 {
+            let mut seen = World::new(lanes(), seeing.clone(), times(4.0, 10.0), seed).see();
+            for (frame, owners) in seen.frames.iter_mut().zip(&seen.owners) {
+                for (car, owner) in frame.cars.iter_mut().zip(owners) {
+                    car.detection.colour_rgb = owner.map(|owner| colours[owner]);
+                }
+            }
+            let tracks = track(&seen.frames);
+            let first = tracks.iter().find(|track| track.states[0].stamp.index == 0).unwrap();
+            let last = first.states.last().unwrap();
+            continued[seen.owners[last.stamp.index as usize][last.car.unwrap()].unwrap()] += 1;
+        }
+        assert!(continued[same] >= 7 && continued[3 - same] == 0, "{continued:?}");
+    }
+}
