@@ -44,7 +44,7 @@ mod tests {
 
     #[test]
     fn the_colour_is_that_of_the_part_that_no_nearer_box_hides() {
-        // The left half is red, and the right half is blue.
+        // The picture is red on the left and blue on the right.
         let image = RgbImage::from_fn(100, 60, |x, _| Rgb(if x < 50 { [200, 0, 0] } else { [0, 0, 100] }));
         let whole = [0.0, 0.0, 100.0, 50.0];
         assert_eq!(colour(&image, &whole, &[whole]), Some([100, 0, 50]));

@@ -2,9 +2,9 @@
 
   roadplane-train tracks colour --clips DIR... --runs DIR [--out models/tracks.json]
 
-CLIPS are rendered clips with truth; stills are left out. RUNS has the frames of `roadplane run CLIP --out RUNS --frames`
-for each of them. The three numbers minimise the log loss of `track/src/colour.rs`, where pairs of one vehicle and of two
-are equally frequent. The printed loss is that of clips by the fit to all other clips.
+CLIPS are rendered clips with truth; stills are left out. RUNS has the frames of `roadplane run CLIP --out RUNS
+--frames` for each of them. The three numbers minimise the log loss of `track/src/colour.rs`, where pairs of one vehicle
+and of two are equally frequent. The printed loss is that of clips by the fit to all other clips.
 """
 
 from __future__ import annotations
