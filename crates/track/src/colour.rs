@@ -1,8 +1,8 @@
 //! The colour of a vehicle: do two boxes show the same one?
 //!
 //! The difference of two mean colours has a part that all channels share (light), and the rest (tint). Let q be its
-//! squared length in sds. For one vehicle and for two vehicles, the differences are t-distributed. The sds of two
-//! vehicles are larger by the factor r. So the log likelihood ratio is
+//! squared length in sds. For one vehicle and for two vehicles, the differences have a t distribution ([`SCATTER`]). The
+//! sds of two vehicles are larger by the factor r. So the log likelihood ratio is
 //!
 //! ```text
 //! 3 log r − cost(q) + cost(q / r²)
@@ -12,12 +12,8 @@
 //! `models/tracks.json` has them.
 
 use nalgebra::Vector3;
-use roadplane_base::StudentT;
 
-use crate::{filter::MOTION_S, measurement::Sighting, numbers::NUMBERS};
-
-/// The distribution of differences.
-const DIFFERENCE: StudentT = StudentT { dimensions: 3.0 };
+use crate::{filter::MOTION_S, measurement::Sighting, numbers::NUMBERS, vehicle::SCATTER};
 
 /// A mean colour: red, green, blue, 0–255.
 #[derive(Clone, Copy, Debug)]
@@ -60,7 +56,7 @@ impl Colour {
         let change = other.0 - self.0;
         let light = change.mean();
         let squared = (light / light_sd).powi(2) + change.add_scalar(-light).norm_squared() / tint_sd.powi(2);
-        DIFFERENCE.cost(squared) - DIFFERENCE.cost(squared / ratio().powi(2))
+        SCATTER.cost(squared) - SCATTER.cost(squared / ratio().powi(2))
     }
 }
 

@@ -19,6 +19,8 @@ pub enum TrackStep {
     ByBoxes,
     /// Fits the cars again with the shape and the heading of their tracks, and tracks them again.
     SecondPass,
+    /// Compares the colours of boxes (`colour.rs`).
+    Colours,
     /// Treats edges of boxes as uncertain where another vehicle begins.
     HiddenEdges,
     /// Leaves out tracks whose projected boxes do not match most of their detections.

@@ -216,6 +216,7 @@ impl Pass<'_> {
         } else {
             [false; 4]
         };
+        let colour_rgb = colour_rgb.filter(|_| self.config.track.takes(TrackStep::Colours));
         let held = car.is_some_and(|car| frame.cars[car].held_since.is_some());
         Detection {
             bbox_px,

@@ -8,7 +8,7 @@ use roadplane_tables::{Cell, Column, Table, bootstrap, mean};
 use roadplane_track::TrackStep;
 
 /// The rows of the table: the name of the row, and the step of the tracker that is left out there.
-pub(super) const VARIANTS: [(&str, Option<TrackStep>); 11] = [
+pub(super) const VARIANTS: [(&str, Option<TrackStep>); 12] = [
     ("all steps", None),
     ("new tracks not confirmed", Some(TrackStep::Confirm)),
     ("no merging of tracks", Some(TrackStep::Merge)),
@@ -18,6 +18,7 @@ pub(super) const VARIANTS: [(&str, Option<TrackStep>); 11] = [
     ("no tracklets of free boxes", Some(TrackStep::Boxes)),
     ("path and size not together", Some(TrackStep::ByBoxes)),
     ("no second pass", Some(TrackStep::SecondPass)),
+    ("no colours", Some(TrackStep::Colours)),
     ("no hidden edges", Some(TrackStep::HiddenEdges)),
     ("boxes of others not checked", Some(TrackStep::OwnBoxes)),
 ];
