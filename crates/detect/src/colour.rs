@@ -2,7 +2,7 @@
 
 use image::RgbImage;
 use nalgebra::Vector2;
-use roadplane_base::{FrameRecord, bbox_hidden_at, bbox_part};
+use roadplane_base::{FrameRecord, bbox_hidden_by, bbox_part};
 
 /// Part of a box whose colour is measured: left, top, right, bottom, as shares of its width and height. The road beside a
 /// vehicle is mostly outside. Its lower middle alone, or medians, tell vehicles apart as well (16 rendered streets).
@@ -24,10 +24,11 @@ pub fn measure_colours(image: &RgbImage, frame: &mut FrameRecord) {
 /// Returns the mean colour of a box where no other box hides it.
 fn colour(image: &RgbImage, bbox_px: &[f64; 4], others: &[[f64; 4]]) -> Option<[u8; 3]> {
     let [x0, y0, x1, y1] = bbox_part(bbox_px, &MIDDLE);
+    let is_hidden = bbox_hidden_by(bbox_px, others);
     let (mut sum, mut count) = ([0_u32; 3], 0);
     let at = |low: f64, high: f64, i: usize| low + (i as f64 + 0.5) / POINTS as f64 * (high - low);
     for point in (0..POINTS * POINTS).map(|i| Vector2::new(at(x0, x1, i % POINTS), at(y0, y1, i / POINTS))) {
-        if point.min() < 0.0 || bbox_hidden_at(bbox_px, &point, others) {
+        if point.min() < 0.0 || is_hidden(&point) {
             continue;
         }
         let Some(pixel) = image.get_pixel_checked(point.x as u32, point.y as u32) else { continue };

@@ -60,12 +60,16 @@ def pairs(truth: dict, frames: Path) -> tuple[np.ndarray, np.ndarray]:
     return np.array(same).reshape(-1, 3), np.array(other).reshape(-1, 3)
 
 
+def cost(squared: np.ndarray) -> np.ndarray:
+    """Returns the negative log density of a squared distance in sds, up to a constant."""
+    return (FREEDOM + 3) / 2 * np.log1p(squared / FREEDOM)
+
+
 def log_ratio(numbers: np.ndarray, change: np.ndarray) -> np.ndarray:
     """Returns the log likelihood ratio of one vehicle against two."""
     light_sd, tint_sd, ratio = numbers
     light = change.mean(1)
     squared = (light / light_sd) ** 2 + ((change - light[:, None]) ** 2).sum(1) / tint_sd**2
-    cost = lambda squared: (FREEDOM + 3) / 2 * np.log1p(squared / FREEDOM)  # noqa: E731
     return 3 * np.log(ratio) - cost(squared) + cost(squared / ratio**2)
 
 

@@ -5,7 +5,7 @@ use std::path::Path;
 
 use image::RgbImage;
 use nalgebra::Vector2;
-use roadplane_base::{TrackRow, bbox_hidden_at, bbox_part, upper_median};
+use roadplane_base::{TrackRow, bbox_hidden_by, bbox_part, upper_median};
 
 use crate::stream::streaming::{open_input, stream};
 use crate::{Cancel, Config, PipelineError, Progress};
@@ -81,8 +81,9 @@ fn body_pixels(image: &RgbImage, bbox: &[f64; 4], there: &[[f64; 4]]) -> Vec<[u8
     let [x0, y0, x1, y1] = bbox_part(bbox, &BODY).map(|edge| edge.round().max(0.0) as u32);
     let (columns, lines) = (x0..x1.min(image.width()), y0..y1.min(image.height()));
     let body: Vec<(u32, u32)> = lines.flat_map(|y| columns.clone().map(move |x| (x, y))).collect();
-    let hidden = |(x, y): (u32, u32)| bbox_hidden_at(bbox, &Vector2::new(f64::from(x), f64::from(y)), there);
-    let free: Vec<(u32, u32)> = body.iter().copied().filter(|pixel| !hidden(*pixel)).collect();
+    let is_hidden = bbox_hidden_by(bbox, there);
+    let is_free = |(x, y): &(u32, u32)| !is_hidden(&Vector2::new(f64::from(*x), f64::from(*y)));
+    let free: Vec<(u32, u32)> = body.iter().copied().filter(is_free).collect();
     let seen = if free.is_empty() { body } else { free };
     seen.into_iter().map(|(x, y)| image.get_pixel(x, y).0).collect()
 }
