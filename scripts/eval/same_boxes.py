@@ -8,7 +8,8 @@ ones. A truth file is CLIP.truth.json (gzipped or not) or CLIP.vehicles.json. Ou
 else of the run. `roadplane-lab eval tracks` scores all tracks by the overlap of boxes.
 
 The other trackers start tracks at the detector's threshold. Straight lines fill the gaps of their tracks, as ours have
-no gaps either. Vehicles that are hardly visible count for nobody, and neither do filled rows without a vehicle.
+no gaps either. Vehicles that are hardly visible count for nobody, and neither do filled rows without a vehicle. The
+truth's boxes end at the picture's border, as those of the detector do.
 """
 
 from __future__ import annotations
@@ -48,7 +49,12 @@ def iou(a: Box, b: Box) -> float:
     return shared / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - shared)
 
 
-def truth_of(path: Path) -> tuple[Rows, dict[int, list[Box]]]:
+def inside(box: Box, size: list[float]) -> Box:
+    """Returns the part of a box in the picture."""
+    return (max(box[0], 0.0), max(box[1], 0.0), min(box[2], size[0]), min(box[3], size[1]))
+
+
+def truth_of(path: Path, size: list[float]) -> tuple[Rows, dict[int, list[Box]]]:
     """Returns the scored vehicles of a truth file, and the boxes of each frame that do not count."""
     text = gzip.decompress(path.read_bytes()) if path.suffix == ".gz" else path.read_bytes()
     scored: Rows = {}
@@ -56,7 +62,7 @@ def truth_of(path: Path) -> tuple[Rows, dict[int, list[Box]]]:
     for frame in json.loads(text)["frames"]:
         of_frame = scored.setdefault(frame["frame"], {})
         for vehicle in frame.get("vehicles", frame.get("cars", [])):
-            box = tuple(vehicle.get("bbox_px") or vehicle["box"])
+            box = inside(tuple(vehicle.get("bbox_px") or vehicle["box"]), size)
             is_large = max(box[2] - box[0], box[3] - box[1]) >= MIN_SIDE_PX
             if is_large and vehicle.get("visible_share", 1.0) >= MIN_VISIBLE_SHARE and vehicle.get("class") != "trailer":
                 of_frame[vehicle["id"]] = (box, False)
@@ -166,8 +172,8 @@ def main() -> None:
     found: dict[str, list[dict[str, float]]] = defaultdict(list)
     for path in options.truth:
         name = path.name.split(".truth.")[0].split(".vehicles.")[0]
-        truth, others = truth_of(path)
         frames = list(map(json.loads, (options.runs / name / "frames.jsonl").read_text().splitlines()))
+        truth, others = truth_of(path, frames[0]["image_size_px"])
         rows = {"roadplane": our_rows((options.tracks or options.runs) / name)}
         rows |= {peer: peer_rows(peer, frames) for peer in ("SORT", "ByteTrack", "OC-SORT")}
         for tracker, of_tracker in rows.items():

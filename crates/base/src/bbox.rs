@@ -44,6 +44,12 @@ pub fn bbox_around(a: &[f64; 4], b: &[f64; 4]) -> [f64; 4] {
     [a[0].min(b[0]), a[1].min(b[1]), a[2].max(b[2]), a[3].max(b[3])]
 }
 
+/// Returns the part of a box that lies inside another box, px.
+#[must_use]
+pub fn bbox_inside(a: &[f64; 4], b: &[f64; 4]) -> [f64; 4] {
+    [a[0].max(b[0]), a[1].max(b[1]), a[2].min(b[2]), a[3].min(b[3])]
+}
+
 /// Returns the share of `bbox` that lies inside `outer`, 0–1. The share is 0 if `bbox` has no area.
 #[must_use]
 pub fn bbox_share_inside(bbox: &[f64; 4], outer: &[f64; 4]) -> f64 {
@@ -111,7 +117,7 @@ fn area([x0, y0, x1, y1]: &[f64; 4]) -> f64 {
 }
 
 fn intersection(a: &[f64; 4], b: &[f64; 4]) -> f64 {
-    area(&[a[0].max(b[0]), a[1].max(b[1]), a[2].min(b[2]), a[3].min(b[3])])
+    area(&bbox_inside(a, b))
 }
 
 #[cfg(test)]
@@ -132,6 +138,7 @@ mod tests {
         assert_eq!(bbox_part_seen(&whole, &seen, [true, false, false, true]), [100.0, 98.0, 182.0, 140.0]);
         assert!((bbox_share_inside(&b, &[0.0, 0.0, 10.0, 100.0]) - 0.5).abs() < 1e-12);
         assert!(bbox_share_inside(&[1.0; 4], &a) < 1e-12);
+        assert_eq!(bbox_inside(&a, &b), [5.0, 0.0, 10.0, 10.0]);
         assert_eq!(bbox_moved(&a, &Vector2::new(5.0, 0.0)), b);
         assert_eq!(bbox_around(&a, &[-1.0, 2.0, 3.0, 11.0]), [-1.0, 0.0, 10.0, 11.0]);
     }

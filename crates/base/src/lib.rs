@@ -66,8 +66,8 @@ pub use atlas::{
     ALL_MODES, ATLAS_SCHEMA, AtlasError, BodyType, FINE_MODES, FullShape, MODES, Shape, ShapeAtlas,
 };
 pub use bbox::{
-    bbox_around, bbox_centre, bbox_covered, bbox_cut, bbox_foot, bbox_hidden_by, bbox_iou, bbox_longer_side,
-    bbox_mapped, bbox_moved, bbox_part, bbox_part_seen, bbox_share_inside,
+    bbox_around, bbox_centre, bbox_covered, bbox_cut, bbox_foot, bbox_hidden_by, bbox_inside, bbox_iou,
+    bbox_longer_side, bbox_mapped, bbox_moved, bbox_part, bbox_part_seen, bbox_share_inside,
 };
 pub use camera::Camera;
 pub use camera_params::CameraParams;

@@ -3,7 +3,9 @@
 //! Nets find keypoints in any object, and the solver fits a car to them.
 
 use nalgebra::{Isometry3, Point3};
-use roadplane_base::{Camera, KEYPOINTS, KeypointSet, Shape, ShapeAtlas, bbox_iou, bbox_longer_side};
+use roadplane_base::{
+    Camera, KEYPOINTS, KeypointSet, Shape, ShapeAtlas, bbox_inside, bbox_iou, bbox_longer_side,
+};
 
 /// Returns the keypoints whose score is at least `min_score`.
 #[must_use]
@@ -52,21 +54,9 @@ impl FitLimits {
     ) -> bool {
         let Some(projected_px) = projected_px else { return false };
         let side_px = bbox_longer_side(bbox_px);
-        overlap_inside(&projected_px, bbox_px, picture_px) >= self.min_box_overlap
+        bbox_iou(&bbox_inside(&projected_px, picture_px), bbox_px) >= self.min_box_overlap
             && reprojection_rms_px <= self.max_rms_share * side_px
     }
-}
-
-/// Returns the overlap (intersection over union) of a projected box with a detected one.
-///
-/// Only the part of the projected box inside the picture counts.
-#[must_use]
-pub fn overlap_inside(
-    [x0, y0, x1, y1]: &[f64; 4],
-    bbox_px: &[f64; 4],
-    [left, top, right, bottom]: &[f64; 4],
-) -> f64 {
-    bbox_iou(&[x0.max(*left), y0.max(*top), x1.min(*right), y1.min(*bottom)], bbox_px)
 }
 
 #[cfg(test)]

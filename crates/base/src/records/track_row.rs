@@ -45,8 +45,8 @@ pub struct TrackRow {
     /// Height of the vehicle, m. All rows of a track have the same value.
     #[schemars(range(min = 0))]
     pub height_m: f64,
-    /// Box of the vehicle in the picture: left, top, right, bottom, px. The box is measured if `observed` is true, and
-    /// projected from the estimated pose if not.
+    /// Box of the vehicle in the picture: left, top, right, bottom, px. The box is measured if `observed` is true. If
+    /// not, it is projected from the estimated pose. The measured boxes before and after it correct its edges.
     pub bbox_px: [f64; 4],
     /// Score of the detector, 0 to 1. A score below the detector's threshold means that a weak detection continued the
     /// track. The score is 0 if `observed` is false.

@@ -1,8 +1,8 @@
 //! Converts a track to rows: positions, observed or projected boxes, and whether the two agree.
 
 use nalgebra::Vector3;
-use roadplane_base::{TrackRow, bbox_share_inside};
-use roadplane_measure::{FrameCamera, body_box, overlap_inside, projected_box};
+use roadplane_base::{CameraEstimate, TrackRow, bbox_inside, bbox_iou, bbox_share_inside};
+use roadplane_measure::{FrameBoxes, FrameCamera, body_box, filled_boxes, projected_box};
 use roadplane_track::{Join, Track, TrackState};
 
 use crate::tracks::pass::Pass;
@@ -22,42 +22,42 @@ fn same_vehicle_p(track: &Track, state: &TrackState) -> Option<f64> {
 }
 
 impl Pass<'_> {
-    /// Returns the box of a detection if it agrees with the track's position. Another box belongs to another vehicle.
-    fn own_box(
-        &self,
-        state: &TrackState,
-        projected: Option<&[f64; 4]>,
-        picture_px: &[f64; 4],
-    ) -> Option<[f64; 4]> {
-        let fits = |seen: &[f64; 4]| {
-            projected.is_none_or(|drawn| overlap_inside(drawn, seen, picture_px) >= MIN_ROW_OVERLAP)
+    /// Returns the boxes of a track's vehicle, one for each state; none without a camera. A detection counts if its box
+    /// agrees with the track's position. Another box belongs to another vehicle.
+    fn boxes(&self, track: &Track, views: &Views) -> Vec<FrameBoxes> {
+        let boxes = |state: &TrackState| {
+            let time_s = state.stamp.time_s();
+            let estimate = self.cameras.at(time_s)?;
+            let picture_px = views.picture_px(state.stamp.index, estimate.image_size_px);
+            let projected_px = self.projected_box(track, state, estimate);
+            let is_own = |measured: &[f64; 4]| {
+                let drawn = projected_px.map(|projected| bbox_inside(&projected, &picture_px));
+                drawn.is_none_or(|drawn| bbox_iou(&drawn, measured) >= MIN_ROW_OVERLAP)
+            };
+            Some(FrameBoxes { time_s, picture_px, projected_px, measured_px: state.bbox_px.filter(is_own) })
         };
-        state.bbox_px.filter(fits)
+        track.states.iter().map_while(boxes).collect()
     }
 
     /// Returns whether most detections of a track agree with its positions.
     pub(crate) fn is_where_it_is_seen(&self, track: &Track, views: &Views) -> bool {
-        let (mut own, mut sightings) = (0, 0);
-        for state in track.states.iter().filter(|state| state.car.is_some()) {
-            let Some(estimate) = self.cameras.at(state.stamp.time_s()) else { continue };
-            let projected = self.projected_box(track, state);
-            sightings += 1;
-            let picture_px = views.picture_px(state.stamp.index, estimate.image_size_px);
-            own += usize::from(self.own_box(state, projected.as_ref(), &picture_px).is_some());
-        }
-        2 * own >= sightings
+        let boxes = self.boxes(track, views);
+        let cars = track.states.iter().zip(&boxes).filter(|(state, _)| state.car.is_some());
+        let is_own: Vec<bool> = cars.map(|(_, boxes)| boxes.measured_px.is_some()).collect();
+        2 * is_own.iter().filter(|is_own| **is_own).count() >= is_own.len()
     }
 
     /// Returns the rows of a track, one for each frame in which its vehicle is in the picture. Boxes are in px of their frames.
     pub(crate) fn rows(&self, track: &Track, views: &Views) -> Vec<TrackRow> {
         let dims = self.dims_m(track);
-        let row = |state: &TrackState| {
-            let projected = self.projected_box(track, state);
+        let boxes = self.boxes(track, views);
+        let filled_px = filled_boxes(&boxes);
+        let row = |(i, state): (usize, &TrackState)| {
             let estimate = self.cameras.at(state.stamp.time_s())?;
-            let picture_px = views.picture_px(state.stamp.index, estimate.image_size_px);
-            let seen_px = self.own_box(state, projected.as_ref(), &picture_px);
-            let in_view = |drawn: &[f64; 4]| bbox_share_inside(drawn, &picture_px) >= IN_VIEW_SHARE;
-            let in_world = seen_px.or(projected.filter(in_view))?;
+            let FrameBoxes { picture_px, measured_px, .. } = boxes[i];
+            let in_view = |filled: &[f64; 4]| bbox_share_inside(filled, &picture_px) >= IN_VIEW_SHARE;
+            let filled_px = filled_px[i].filter(in_view).map(|filled| bbox_inside(&filled, &picture_px));
+            let in_world = measured_px.or(filled_px)?;
             let bbox_px = views.in_picture(state.stamp.index, &in_world);
             let part = estimate.ground().part_at(state.pose.x_m, state.pose.y_m);
             let (pose, z_m) = part.in_world(&state.pose);
@@ -79,8 +79,8 @@ impl Pass<'_> {
                 width_m: dims.y,
                 height_m: dims.z,
                 bbox_px,
-                score: if seen_px.is_some() { state.score } else { 0.0 },
-                observed: seen_px.is_some(),
+                score: if measured_px.is_some() { state.score } else { 0.0 },
+                observed: measured_px.is_some(),
                 class: track.class,
                 segment: self.cameras.segment_at(state.stamp.time_s()),
                 speed_sd_mps: state.speed_sd_mps.hypot(state.speed_mps * shared[(3, 3)].sqrt()),
@@ -97,12 +97,17 @@ impl Pass<'_> {
                     .and_then(|place| place.on_map(&pose, [state.pose_sd.x, state.pose_sd.y], estimate).ok()),
             })
         };
-        track.states.iter().filter_map(row).collect()
+        track.states.iter().enumerate().filter_map(row).collect()
     }
 
     /// Returns the projected box of a vehicle, px; `None` where it is not in front of the camera.
-    fn projected_box(&self, track: &Track, state: &TrackState) -> Option<[f64; 4]> {
-        let view = FrameCamera::from(self.cameras.at(state.stamp.time_s())?);
+    fn projected_box(
+        &self,
+        track: &Track,
+        state: &TrackState,
+        estimate: &CameraEstimate,
+    ) -> Option<[f64; 4]> {
+        let view = FrameCamera::from(estimate);
         if let Some(dims_m) = track.dims_m {
             return body_box(&view, &state.pose, track.class, &dims_m);
         }

@@ -1,0 +1,111 @@
+#!/usr/bin/env python3
+"""Measures the boxes of rows without a detection: leaves detections out, tracks again, and compares.
+
+    python3 scripts/eval/filled_boxes.py FRAMES... [--every SECONDS] [--binary roadplane]
+
+FRAMES is the `frames.jsonl` of a finished run with `--frames`. 15 % of the detections are left out at random, or with
+`--every S` all detections of every fourth interval of S seconds. The table has the mean overlap (intersection over
+union) of a detection that was left out with the best filled box of its frame. Detections without such a box (an overlap
+below 0.1) are counted.
+"""
+
+from __future__ import annotations
+
+import argparse
+import csv
+import json
+import random
+import subprocess
+import tempfile
+from collections import defaultdict
+from pathlib import Path
+
+SHARE, MIN_OVERLAP = 0.15, 0.1
+EDGES = ("bbox_x0_px", "bbox_y0_px", "bbox_x1_px", "bbox_y1_px")
+
+Boxes = dict[int, list[list[float]]]
+
+
+def overlap(a: list[float], b: list[float]) -> float:
+    """Returns the intersection of two boxes over their union."""
+    width, height = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
+    if width <= 0 or height <= 0:
+        return 0.0
+    shared = width * height
+    return shared / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - shared)
+
+
+def leave_out(frames: Path, every_s: float | None, into: Path) -> Boxes:
+    """Writes the frames without some of the detections, and returns these by frame.
+
+    Cars that repeat a detection that was left out are left out, too. They are not compared.
+    """
+    draws, left_out = random.Random(0), defaultdict(list)
+    # The new index of each kept car in its frame.
+    index: dict[tuple[int, int], int] = {}
+    with frames.open() as lines, into.open("w") as written:
+        for frame in map(json.loads, lines):
+            kept = []
+            is_left_out = every_s is not None and int(frame["time_s"] / every_s) % 4 == 2
+            for i, car in enumerate(frame.get("cars") or []):
+                is_new = "pose_from" not in car and "held_since" not in car
+                if is_new and (draws.random() < SHARE if every_s is None else is_left_out):
+                    left_out[frame["frame"]].append(car["bbox_px"])
+                elif "pose_from" in car and tuple(car["pose_from"]) not in index:
+                    continue
+                else:
+                    if "pose_from" in car:
+                        car["pose_from"][1] = index[tuple(car["pose_from"])]
+                    index[frame["frame"], i] = len(kept)
+                    kept.append(car)
+            frame["cars"] = kept
+            if is_left_out:
+                frame["weak"] = []
+            written.write(json.dumps(frame) + "\n")
+    return left_out
+
+
+def filled_of(tracks: Path) -> Boxes:
+    """Returns the boxes of rows without a detection, by frame."""
+    filled = defaultdict(list)
+    with tracks.open() as rows:
+        for row in csv.DictReader(rows):
+            if row["observed"] == "false":
+                filled[int(row["frame"])].append([float(row[edge]) for edge in EDGES])
+    return filled
+
+
+def main() -> None:
+    """Prints a row for each clip, and one for all detections."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("frames", type=Path, nargs="+")
+    parser.add_argument("--every", type=float, metavar="SECONDS")
+    parser.add_argument("--binary", default="roadplane")
+    options = parser.parse_args()
+    everything: list[float] = []
+    for frames in options.frames:
+        with tempfile.TemporaryDirectory() as folder:
+            thin, out = Path(folder) / "frames.jsonl", Path(folder) / "tracks"
+            left_out = leave_out(frames, options.every, thin)
+            subprocess.run([options.binary, "stage", "track", thin, "--out", out], check=False, capture_output=True)
+            filled = filled_of(out / "tracks.csv")
+        best = [
+            max((overlap(box, other) for other in filled.get(frame, [])), default=0.0)
+            for frame, boxes in left_out.items()
+            for box in boxes
+        ]
+        found = [value for value in best if value >= MIN_OVERLAP]
+        everything += found
+        print(row_of(frames.parent.name, found), f"without a box {len(best) - len(found)}")
+    print(row_of("all", everything))
+
+
+def row_of(name: str, overlaps: list[float]) -> str:
+    """Returns a row of the table."""
+    count = max(len(overlaps), 1)
+    shares = " ".join(f"{sum(value > limit for value in overlaps) / count:.0%}" for limit in (0.5, 0.7, 0.8, 0.9))
+    return f"{name:30} {len(overlaps):5} boxes, overlap {sum(overlaps) / count:.3f}; over 0.5, 0.7, 0.8, 0.9: {shares}"
+
+
+if __name__ == "__main__":
+    main()
