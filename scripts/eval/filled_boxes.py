@@ -38,7 +38,7 @@ def overlap(a: list[float], b: list[float]) -> float:
 def leave_out(frames: Path, every_s: float | None, into: Path) -> Boxes:
     """Writes the frames without some of the detections, and returns these by frame.
 
-    Cars that repeat a detection that was left out are left out, too. They are not compared.
+    Cars that refer to a detection that was left out are left out, too. They are not compared.
     """
     draws, left_out = random.Random(0), defaultdict(list)
     # The new index of each kept car in its frame.
@@ -49,13 +49,12 @@ def leave_out(frames: Path, every_s: float | None, into: Path) -> Boxes:
             is_left_out = every_s is not None and int(frame["time_s"] / every_s) % 4 == 2
             for i, car in enumerate(frame.get("cars") or []):
                 is_new = "pose_from" not in car and "held_since" not in car
+                references = [key for key in ("pose_from", "seen_after") if key in car]
                 if is_new and (draws.random() < SHARE if every_s is None else is_left_out):
                     left_out[frame["frame"]].append(car["bbox_px"])
-                elif "pose_from" in car and tuple(car["pose_from"]) not in index:
-                    continue
-                else:
-                    if "pose_from" in car:
-                        car["pose_from"][1] = index[tuple(car["pose_from"])]
+                elif all(tuple(car[key]) in index for key in references):
+                    for key in references:
+                        car[key][1] = index[tuple(car[key])]
                     index[frame["frame"], i] = len(kept)
                     kept.append(car)
             frame["cars"] = kept

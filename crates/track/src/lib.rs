@@ -55,6 +55,7 @@ mod parts;
 mod picture_chains;
 mod placed_boxes;
 mod raw_track;
+mod seen_again;
 mod shape;
 mod smooth;
 mod smooth_boxes;

@@ -169,6 +169,8 @@ pub struct SeenAgain {
     pub look: CarRef,
     /// Box of the car (left, top, right, bottom), px.
     pub bbox_px: [f64; 4],
+    /// Score of the detector, 0–1.
+    pub score: f64,
 }
 
 /// All cars that were fitted in one frame. A frame without cars counts as a frame, too.
@@ -286,6 +288,6 @@ pub struct TrackState {
     pub bbox_px: Option<[f64; 4]>,
     /// Detector score, 0–1; 0 where the vehicle was not detected.
     pub score: f64,
-    /// Index of the car in its frame's list, where it was detected. `None` where a weak box is the detection.
+    /// Index of the car in its frame's list, where it was measured. `None` where a weak box is the detection.
     pub car: Option<usize>,
 }

@@ -12,6 +12,7 @@ use crate::{
     measurement::Sighting,
     noise::MIN_SIGHTINGS,
     raw_track::{FEWEST, RawTrack, same_car},
+    seen_again::add_detections,
     shape::ShapeSum,
 };
 
@@ -92,6 +93,8 @@ pub struct Tracker {
     ended: Vec<RawTrack>,
     /// All boxes, by frame.
     boxes: BoxesByFrame,
+    /// Detections without a measurement, with the indices of their frames.
+    seen_again: Vec<(u64, SeenAgain)>,
     /// Number of unusable measurements.
     rejected: usize,
 }
@@ -106,6 +109,7 @@ impl Tracker {
             live: Vec::new(),
             ended: Vec::new(),
             boxes: BoxesByFrame::new(),
+            seen_again: Vec::new(),
             rejected: 0,
         }
     }
@@ -154,6 +158,7 @@ impl Tracker {
         let again: Vec<Option<&SeenAgain>> = (self.live.iter())
             .map(|live| frame.seen_again.iter().find(|car| Some(car.look) == live.look))
             .collect();
+        self.seen_again.extend(frame.seen_again.iter().map(|car| (frame.stamp.index, *car)));
         // Tracks with a detection of their own take no other box.
         let has_own: Vec<bool> =
             held.iter().zip(&again).map(|(held, again)| *held || again.is_some()).collect();
@@ -200,8 +205,10 @@ impl Tracker {
     #[must_use]
     pub fn finish(mut self, scene: &impl Scene) -> Tracks {
         self.ended.extend(self.live.drain(..).map(|live| live.raw));
-        let Self { options, frames, ended, boxes, .. } = self;
-        complete(ended, boxes, &frames, &options, scene)
+        let Self { options, frames, ended, boxes, seen_again, .. } = self;
+        let mut found = complete(ended, boxes, &frames, &options, scene);
+        add_detections(&mut found.tracks, &seen_again);
+        found
     }
 
     /// Ends tracks that were undetected for too long. Unconfirmed tracks get little time.

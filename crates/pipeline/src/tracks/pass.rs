@@ -104,7 +104,7 @@ impl Pass<'_> {
             for (index, fit) in fitted.into_iter().enumerate() {
                 let record = &frame.cars[index];
                 if let Some(look) = record.seen_after {
-                    seen_again.push(SeenAgain { look, bbox_px: record.bbox_px });
+                    seen_again.push(SeenAgain { look, bbox_px: record.bbox_px, score: record.score });
                     continue;
                 }
                 let seen =

@@ -85,7 +85,8 @@ fn a_car_that_is_seen_again_takes_no_other_box() {
                 look = Some(CarRef { frame: frame.stamp.index, car });
             }
             (Some(front), Some(look)) => {
-                frame.seen_again.push(SeenAgain { look, bbox_px: frame.cars[front].detection.bbox_px });
+                let Detection { bbox_px, score, .. } = frame.cars[front].detection;
+                frame.seen_again.push(SeenAgain { look, bbox_px, score });
             }
             _ => {}
         }
@@ -101,6 +102,8 @@ fn a_car_that_is_seen_again_takes_no_other_box() {
     for state in &tracks[of[0]].states {
         let truth = 40.0 - 5.0 * state.stamp.time_s();
         assert!((state.pose.y_m - truth).abs() < 0.5, "{} for {truth}", state.pose.y_m);
+        // Also in the frames in which it is only detected again, the car counts as detected, with its box.
+        assert!(state.observed && state.bbox_px.is_some() && state.score > 0.0);
     }
 }
 
