@@ -18,6 +18,7 @@
 //!                       pose per stationary interval, else a vehicle model     vehicle.rs, chain.rs, descent.rs)
 //!   → Evidence          is the track a vehicle?                               (existence.rs)
 //!   → smooth_by_boxes   path and size together, where only boxes show them    (smooth_boxes.rs, by_boxes.rs)
+//!   → add_detections    boxes in frames in which nothing measures the pose    (seen_again.rs)
 //!   → Track                                                                   (complete.rs)
 //! ```
 //!
