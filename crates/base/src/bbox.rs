@@ -101,8 +101,8 @@ pub fn bbox_part([x0, y0, x1, y1]: &[f64; 4], shares: &[f64; 4]) -> [f64; 4] {
     [x0 + left * w, y0 + top * h, x0 + right * w, y0 + bottom * h]
 }
 
-/// Returns a test whether a point (px) of a vehicle's box lies in the box of a nearer vehicle. A box that ends lower in the
-/// picture is nearer to the camera.
+/// Returns a test whether a point (px) of a vehicle's box lies in the box of a nearer vehicle. A box that ends lower in
+/// the picture is nearer to the camera.
 pub fn bbox_hidden_by(bbox_px: &[f64; 4], others: &[[f64; 4]]) -> impl Fn(&Vector2<f64>) -> bool + use<> {
     let nearer: Vec<[f64; 4]> = others.iter().copied().filter(|other| other[3] > bbox_px[3]).collect();
     move |point_px| {

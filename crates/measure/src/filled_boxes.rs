@@ -1,8 +1,8 @@
 //! The boxes of a vehicle in frames in which it is not detected.
 //!
-//! A projected box differs from a measured one, because bodies are no boxes and poses have errors. The difference changes
-//! slowly. So each edge of a projected box is moved by the difference at the nearest detections before and after it,
-//! interpolated over time. The difference is a share of the projected box's width or height.
+//! A projected box differs from a measured one, because bodies are no boxes and poses have errors. The difference
+//! changes slowly. So each edge of a projected box is moved by the difference at the nearest detections before and after
+//! it, interpolated over time. The difference is a share of the projected box's width or height.
 
 use roadplane_base::bbox_cut;
 
@@ -20,8 +20,8 @@ pub struct FrameBoxes {
 }
 
 impl FrameBoxes {
-    /// Returns the difference at an edge (left, top, right, bottom); `None` without a detection, or where the picture cuts
-    /// the vehicle.
+    /// Returns the difference at an edge (left, top, right, bottom); `None` without a detection, or where the picture
+    /// cuts the vehicle.
     fn difference(&self, edge: usize) -> Option<f64> {
         let (projected, measured) = (self.projected_px?, self.measured_px?);
         let is_cut = bbox_cut(&measured, &self.picture_px)[edge];
@@ -34,7 +34,7 @@ fn side(bbox: &[f64; 4], edge: usize) -> f64 {
     bbox[edge % 2 + 2] - bbox[edge % 2]
 }
 
-/// Returns a value at a time from values in the order of time. Beyond the first and the last one, the value is constant.
+/// Returns a value at a time from values in the order of time. Beyond the first and the last one, it is constant.
 fn interpolated(values: &[(f64, f64)], time_s: f64) -> f64 {
     let next = values.partition_point(|(at_s, _)| *at_s < time_s);
     match (values[..next].last(), values.get(next)) {
@@ -44,8 +44,8 @@ fn interpolated(values: &[(f64, f64)], time_s: f64) -> f64 {
     }
 }
 
-/// Returns the projected boxes of a vehicle, px, corrected by its measured boxes. The frames are in the order of time. A
-/// box may reach beyond the picture.
+/// Returns the projected boxes of a vehicle, px, corrected by its measured boxes. The frames are in the order of time.
+/// A box may reach beyond the picture.
 #[must_use]
 pub fn filled_boxes(frames: &[FrameBoxes]) -> Vec<Option<[f64; 4]>> {
     let differences: [Vec<(f64, f64)>; 4] = std::array::from_fn(|edge| {

@@ -219,7 +219,8 @@ pub struct Counts {
     /// the clip.
     #[serde(default)]
     pub frames_not_followed: u64,
-    /// Number of detected boxes by class of vehicle.
+    /// Number of detected boxes by class of vehicle. Boxes without a measurement of their own (`held_since`,
+    /// `pose_from`, `seen_after`) do not count.
     pub boxes: BTreeMap<String, u64>,
     /// Number of rejected cars by reason of rejection.
     pub rejected: BTreeMap<String, u64>,

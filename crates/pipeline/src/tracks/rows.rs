@@ -47,7 +47,8 @@ impl Pass<'_> {
         2 * is_own.iter().filter(|is_own| **is_own).count() >= is_own.len()
     }
 
-    /// Returns the rows of a track, one for each frame in which its vehicle is in the picture. Boxes are in px of their frames.
+    /// Returns the rows of a track, one for each frame in which its vehicle is in the picture. Boxes are in px of their
+    /// frames.
     pub(crate) fn rows(&self, track: &Track, views: &Views) -> Vec<TrackRow> {
         let dims = self.dims_m(track);
         let boxes = self.boxes(track, views);
