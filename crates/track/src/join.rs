@@ -1,8 +1,8 @@
 //! The probability that the vehicle before a gap and the vehicle after it are the same.
 //!
 //! Linking compares each join with its alternatives: another tracklet continues the earlier one, the later one continues
-//! another tracklet, or the gap is no gap of one vehicle. With the log likelihood ratios g of `link.rs`, the odds of the
-//! join from tracklet i to tracklet j are
+//! another tracklet, or the gap is no gap of one vehicle. With the log likelihood ratios g of `continuation.rs`, the odds
+//! of the join from tracklet i to tracklet j are
 //!
 //! ```text
 //! o = exp(g_ij) / (1 + Σ_{k ≠ j} exp(g_ik) + Σ_{k ≠ i} exp(g_kj))

@@ -12,7 +12,8 @@
 //!                                                                              raw_track.rs)
 //!   → merge_duplicates  two cars cannot share space                           (duplicates.rs)
 //!   → add_boxes         tracklets of all other boxes, weak and strong         (picture_chains.rs, placed_boxes.rs)
-//!   → link              all continuations, and which boxes belong to none     (link.rs, join.rs, parts.rs)
+//!   → link              all continuations, and which boxes belong to none     (continuation.rs, link.rs, join.rs,
+//!                                                                              parts.rs)
 //!   → find_runs         stationary intervals and driving intervals            (stops.rs)
 //!   → smooth_track      heading disambiguation: which end is the front; one   (way.rs, start.rs, parked.rs,
 //!                       pose per stationary interval, else a vehicle model     vehicle.rs, chain.rs, descent.rs)
@@ -38,6 +39,7 @@ mod chain;
 mod clock;
 mod colour;
 mod complete;
+mod continuation;
 mod delays;
 mod descent;
 mod duplicates;

@@ -7,18 +7,7 @@
 //! to pairs only, so the flow is an assignment of ends to beginnings. The assignment separates into groups that cannot
 //! reach each other.
 //!
-//! A pair gains the log likelihood ratio of two hypotheses: "the same vehicle, undetected for a while" against "one
-//! vehicle left and another appeared":
-//!
-//! ```text
-//! log Σ_mode P(mode, Δt) p(position, velocity after | before, mode) / (λ + r τ_mode) − log p(velocity)
-//!     + terms of class, size and colour
-//! ```
-//!
-//! An undetected vehicle has three modes: it was stationary, it drove on, or it crept on in a queue. In each, τ is the
-//! mean time for which it stays undetected. Vehicles appear anywhere with the density λ. Where the later tracklet
-//! begins, others that drive appear at the rate r. So in flowing traffic, a vehicle is not the stationary one that was
-//! there before.
+//! A pair gains a log likelihood ratio (`continuation.rs`).
 //!
 //! A vehicle may have two boxes for some frames. A tracklet that begins on one of them continues the tracklet that ends
 //! on the other. The earlier one then counts only up to this beginning.
@@ -26,37 +15,20 @@
 //! A tracklet of boxes alone may be no vehicle. With the probability p that it is one (`existence.rs`), keeping it
 //! apart from all others gains −log p. In the assignment, its end is then its own beginning.
 
-use std::{collections::BTreeMap, f64::consts::PI, ops::AddAssign as _};
+use std::collections::BTreeMap;
 
-use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
-use roadplane_base::{assign, bbox_iou, fold_axis, upper_median};
+use nalgebra::Matrix2;
+use roadplane_base::{assign, bbox_iou};
 
 use crate::{
-    colour::Colour,
+    continuation::{End, STANDS_S, density, gain},
     expected::{HALF_LANE_M, HIDDEN_S},
-    filter::{MOTION_S, SPEED_SD, STANDING_MPS, STANDING_SHARE, STILL_M, driven, mixed},
+    filter::MOTION_S,
     join::{features, probability},
     measurement::Sighting,
-    noise::COMMON_SHARE,
     numbers::sigmoid,
-    raw_track::{Link, RawTrack, Votes},
+    raw_track::{Link, RawTrack},
 };
-
-/// Mean time for which a stationary or creeping vehicle stays undetected, s (exponential distribution).
-const STANDS_S: f64 = 20.0;
-/// Mean time for which a driving vehicle stays undetected, s (exponential distribution).
-const DRIVES_S: f64 = MOTION_S;
-/// Prior probabilities of the three modes: stationary, driving, creeping.
-const SHARES: [f64; 3] = [0.4, 0.45, 0.15];
-/// Greatest speed of creeping, m/s.
-const CREEP_MPS: f64 = 2.5;
-/// Density of vehicles that appear anywhere, per m².
-const APPEARS: f64 = 2e-5;
-/// Sd of the logarithm of a vehicle's size (box diagonal times distance). Views and hidden parts change it.
-const SIZE_SD: f64 = 0.3;
-/// Votes that each class has in advance, in the order of `VehicleClass::ALL`. Nets confuse cars, trucks and buses with
-/// each other, but hardly with motorcycles.
-const PRIOR_VOTES: Votes = Votes::new(0.5, 0.5, 0.5, 0.0);
 
 /// Joins tracklets into tracks. Gaps of up to [`HIDDEN_S`] are bridged. `log_odds` returns the log odds that a tracklet
 /// is a vehicle; `None` for a tracklet that is one beyond doubt. With `cut`, links that are probably wrong are left out.
@@ -232,180 +204,4 @@ fn chains(tracklets: Vec<RawTrack>, next: &[Option<(usize, f64)>]) -> Vec<RawTra
         joined.push(track);
     }
     joined
-}
-
-/// The beginning or the end of a tracklet.
-struct End {
-    /// Time of the beginning or end, s.
-    time_s: f64,
-    /// Position and velocity (x, y, vx, vy) on the ground, m and m/s.
-    state: Vector4<f64>,
-    /// Covariance of `state`, m and m/s.
-    covariance: Matrix4<f64>,
-    /// Heading modulo π, rad.
-    axis: f64,
-    /// Probability that the vehicle is stationary, 0–1.
-    stands: f64,
-    /// Density of its velocity among stationary vehicles, (m/s)⁻².
-    standing: f64,
-    /// Density of its velocity among driving vehicles, (m/s)⁻².
-    driving: f64,
-    /// Logarithm of the vehicle's size: diagonal of the box (px) times the distance (m).
-    log_size: f64,
-    /// Mean colour; `None` where none was measured.
-    colour: Option<Colour>,
-    /// Votes for each class.
-    votes: Votes,
-}
-
-impl End {
-    /// Computes the beginning of a track, or with `last` its end. `all` are its detections.
-    fn of(track: &RawTrack, all: &[Sighting], last: bool) -> Self {
-        let edge = if last { &all[all.len() - 1] } else { &all[0] };
-        let near = |o: &&Sighting| (o.time_s - edge.time_s).abs() <= MOTION_S;
-        let part: Vec<&Sighting> = all.iter().filter(near).collect();
-        let (state, covariance) = motion(&part, edge.time_s);
-        let mut axis = Vector2::zeros();
-        for o in &part {
-            let weight = 1.0 / (o.covariance[(2, 2)] + 1e-3);
-            axis += Vector2::new((2.0 * o.pose.z).cos(), (2.0 * o.pose.z).sin()) * weight;
-        }
-        let velocity = state.fixed_rows::<2>(2).into_owned();
-        let spread = covariance.fixed_view::<2, 2>(2, 2).into_owned();
-        let [standing, driving] = [STANDING_MPS, SPEED_SD]
-            .map(|sd| density(&velocity, &(spread + Matrix2::identity() * sd.powi(2))));
-        let log_size = |o: &Sighting| {
-            let [x0, y0, x1, y1] = o.detection.bbox_px;
-            ((x1 - x0).hypot(y1 - y0) * o.pose.xy().norm().max(1.0)).ln()
-        };
-        let stands = STANDING_SHARE * standing / mixed(standing, driving).max(1e-300);
-        let mut sizes: Vec<f64> = part.iter().map(|o| log_size(o)).collect();
-        Self {
-            time_s: edge.time_s,
-            state,
-            covariance,
-            axis: axis.y.atan2(axis.x) / 2.0,
-            stands: if edge.detection.held { 1.0 } else { stands },
-            standing,
-            driving,
-            log_size: upper_median(&mut sizes, f64::total_cmp).unwrap_or_default(),
-            colour: Colour::mean(part.iter().copied()),
-            votes: track.votes,
-        }
-    }
-
-    /// Returns the position (x, y), m.
-    fn place(&self) -> Vector2<f64> {
-        self.state.fixed_rows::<2>(0).into_owned()
-    }
-
-    /// Returns the velocity (vx, vy), m/s.
-    fn velocity(&self) -> Vector2<f64> {
-        self.state.fixed_rows::<2>(2).into_owned()
-    }
-
-    /// Returns the covariance of the position, m².
-    fn place_covariance(&self) -> Matrix2<f64> {
-        self.covariance.fixed_view::<2, 2>(0, 0).into_owned()
-    }
-
-    /// Returns the covariance of the velocity, (m/s)².
-    fn velocity_covariance(&self) -> Matrix2<f64> {
-        self.covariance.fixed_view::<2, 2>(2, 2).into_owned()
-    }
-}
-
-/// Estimates position and velocity at a time (s), and their covariance, by a straight line through detections. The
-/// noise of a detection is the part of its variance that its neighbours do not share.
-fn motion(part: &[&Sighting], time_s: f64) -> (Vector4<f64>, Matrix4<f64>) {
-    let mut information = Matrix4::zeros();
-    information.fixed_view_mut::<2, 2>(2, 2).fill_diagonal((1.5 * SPEED_SD).powi(-2));
-    let mut weighted = Vector4::zeros();
-    let mut shared = Matrix2::zeros();
-    for o in part {
-        let covariance = o.covariance.fixed_view::<2, 2>(0, 0).into_owned();
-        shared += covariance * (COMMON_SHARE / part.len() as f64);
-        let Some(precision) = (covariance * (1.0 - COMMON_SHARE)).try_inverse() else { continue };
-        let dt = o.time_s - time_s;
-        information += Matrix2::new(1.0, dt, dt, dt * dt).kronecker(&precision);
-        weighted += Vector2::new(1.0, dt).kronecker(&(precision * o.pose.xy()));
-    }
-    let inverse = information.try_inverse().unwrap_or_else(Matrix4::identity);
-    let mut covariance = (inverse + inverse.transpose()) / 2.0;
-    covariance.fixed_view_mut::<2, 2>(0, 0).add_assign(&shared);
-    (inverse * weighted, covariance)
-}
-
-/// Returns the density of a 2-D Gaussian with mean 0 at `x`.
-fn density(x: &Vector2<f64>, covariance: &Matrix2<f64>) -> f64 {
-    let Some(inverse) = covariance.try_inverse() else { return 0.0 };
-    (-0.5 * x.dot(&(inverse * x))).exp() / (2.0 * PI * covariance.determinant().max(1e-300).sqrt())
-}
-
-/// Returns the log likelihood ratio of one vehicle against two, for a gap in s. Other vehicles appear at the rate
-/// `arrivals` where the gap ends, per m² and s.
-fn gain(end: &End, start: &End, gap_s: f64, arrivals: f64) -> f64 {
-    let way = start.place() - end.place();
-    let places = end.place_covariance() + start.place_covariance();
-    // Each mode has its mean time of staying undetected. In this time, the other vehicles appear.
-    let mode = |mean_s: f64, density: f64| (-gap_s / mean_s).exp() * density / (APPEARS + arrivals * mean_s);
-    let rested = places + Matrix2::identity() * STILL_M.powi(2);
-    let stood = mode(STANDS_S, end.stands * density(&way, &rested) * start.standing);
-    let drove = mode(DRIVES_S, drive_density(end, start, gap_s));
-    let crept = mode(STANDS_S, creep_density(end, start, &way, &places, gap_s));
-    let same = SHARES[0] * stood + SHARES[1] * drove + SHARES[2] * crept;
-    let new = mixed(start.standing, start.driving);
-    let colours = end.colour.zip(start.colour).map_or(0.0, |(before, after)| before.same_vehicle(after));
-    (same.max(1e-300) / new.max(1e-300)).ln() + class_gain(end, start) + size_gain(end, start) + colours
-}
-
-/// Returns the density of position and velocity after a gap (s) in which the vehicle drove on.
-fn drive_density(end: &End, start: &End, gap_s: f64) -> f64 {
-    let (state, covariance) = driven(&end.state, &end.covariance, gap_s);
-    let spread = covariance + start.covariance + Matrix4::identity() * 0.01;
-    let away = start.state - state;
-    let Some(factor) = spread.cholesky() else { return 0.0 };
-    let root: f64 = factor.l().diagonal().iter().product();
-    (-0.5 * away.dot(&factor.solve(&away))).exp() / ((2.0 * PI).powi(2) * root.max(1e-300))
-}
-
-/// Returns the density of position and velocity after a gap (s) of stop and go behind an object. The vehicle covers any
-/// distance that creeping allows, along the line of its axis.
-fn creep_density(end: &End, start: &End, way: &Vector2<f64>, places: &Matrix2<f64>, gap_s: f64) -> f64 {
-    let slow = (-0.5 * (end.velocity().norm() / CREEP_MPS).powi(2)).exp();
-    let axis = end.axis + fold_axis(start.axis - end.axis) / 2.0;
-    let (sin, cos) = axis.sin_cos();
-    let (ahead, aside) = (Vector2::new(cos, sin), Vector2::new(-sin, cos));
-    // The axis may point backwards. The motion before and after shows the true direction.
-    let sign = (end.velocity() + start.velocity()).dot(&ahead);
-    let along = way.dot(&ahead) * if sign < 0.0 { -1.0 } else { 1.0 };
-    let sd = |direction: &Vector2<f64>| direction.dot(&(places * direction)).max(0.0);
-    let reach = CREEP_MPS * gap_s;
-    let beyond = if along < 0.0 { along } else { (along - reach).max(0.0) };
-    let outside = (-0.5 * beyond * beyond / (sd(&ahead) + 0.25)).exp();
-    let off = way.dot(&aside);
-    let variance = sd(&aside) + STILL_M * STILL_M;
-    let on_line = (-0.5 * off * off / variance).exp() / (2.0 * PI * variance).sqrt();
-    let after = density(
-        &start.velocity(),
-        &(start.velocity_covariance() + Matrix2::identity() * (CREEP_MPS / 2.0).powi(2)),
-    );
-    slow * outside * on_line / (reach + 1.0) * after
-}
-
-/// Returns the log likelihood ratio of the class votes: both tracks are one vehicle, or two unrelated vehicles. It is
-/// at most 0, and 0 if one of them has no votes.
-fn class_gain(end: &End, start: &End) -> f64 {
-    if end.votes.sum() <= 0.0 || start.votes.sum() <= 0.0 {
-        return 0.0;
-    }
-    let shares = |votes: &Votes| (votes + PRIOR_VOTES) / (votes + PRIOR_VOTES).sum();
-    let same = shares(&end.votes).dot(&shares(&start.votes));
-    // Most vehicles are of one class, so agreement says little and disagreement much.
-    (same / 0.6).ln().min(0.0)
-}
-
-/// Returns the log likelihood ratio of the sizes, at most 0.
-fn size_gain(end: &End, start: &End) -> f64 {
-    -0.5 * ((start.log_size - end.log_size) / SIZE_SD).powi(2)
 }
