@@ -20,19 +20,12 @@ import tempfile
 from collections import defaultdict
 from pathlib import Path
 
+from boxes import overlap
+
 SHARE, MIN_OVERLAP = 0.15, 0.1
 EDGES = ("bbox_x0_px", "bbox_y0_px", "bbox_x1_px", "bbox_y1_px")
 
 Boxes = dict[int, list[list[float]]]
-
-
-def overlap(a: list[float], b: list[float]) -> float:
-    """Returns the intersection of two boxes over their union."""
-    width, height = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
-    if width <= 0 or height <= 0:
-        return 0.0
-    shared = width * height
-    return shared / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - shared)
 
 
 def leave_out(frames: Path, every_s: float | None, into: Path) -> Boxes:
@@ -86,7 +79,10 @@ def main() -> None:
         with tempfile.TemporaryDirectory() as folder:
             thin, out = Path(folder) / "frames.jsonl", Path(folder) / "tracks"
             left_out = leave_out(frames, options.every, thin)
-            subprocess.run([options.binary, "stage", "track", thin, "--out", out], check=False, capture_output=True)
+            call = [options.binary, "stage", "track", thin, "--out", out]
+            run = subprocess.run(call, check=False, capture_output=True, text=True)
+            if not (out / "tracks.csv").exists():
+                raise SystemExit(f"{frames} gives no tracks: {run.stderr.strip()}")
             filled = filled_of(out / "tracks.csv")
         best = [
             max((overlap(box, other) for other in filled.get(frame, [])), default=0.0)

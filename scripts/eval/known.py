@@ -23,6 +23,7 @@ import tempfile
 from pathlib import Path
 
 import numpy as np
+from boxes import overlap
 
 # Errors of the given length in units of its sd; their root mean square is 1.
 DRAWS = (-(1.5**0.5), 0.0, 1.5**0.5)
@@ -51,14 +52,6 @@ def constraint_length(truth: dict, off_sd: float) -> str:
         ends += [int(v) for v in np.round(pixel)]
     given_m = LENGTH_M * (1.0 + LENGTH_SD * off_sd)
     return "x1,y1,x2,y2,length_m,sd_m,pixel_sd\n" + ",".join(map(str, [*ends, given_m, LENGTH_SD * given_m, 0.3])) + "\n"
-
-
-def overlap(a: list[float], b: list[float]) -> float:
-    width, height = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
-    if width <= 0 or height <= 0:
-        return 0.0
-    area = [(box[2] - box[0]) * (box[3] - box[1]) for box in (a, b)]
-    return width * height / (sum(area) - width * height)
 
 
 def errors(run: Path, truth: dict) -> np.ndarray:

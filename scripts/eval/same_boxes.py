@@ -25,6 +25,7 @@ from pathlib import Path
 
 import numpy as np
 import supervision as sv
+from boxes import overlap
 from trackers import ByteTrackTracker, OCSORTTracker, SORTTracker
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -38,15 +39,6 @@ FIGURES = {"HOTA": "HOTA, %", "IDF1": "IDF1, %", "switches": "switches"}
 Box = tuple[float, float, float, float]
 # Boxes of each frame, by track; the second value is whether the row is filled in.
 Rows = dict[int, dict[int, tuple[Box, bool]]]
-
-
-def iou(a: Box, b: Box) -> float:
-    """Returns the intersection of two boxes over their union."""
-    width, height = min(a[2], b[2]) - max(a[0], b[0]), min(a[3], b[3]) - max(a[1], b[1])
-    if width <= 0 or height <= 0:
-        return 0.0
-    shared = width * height
-    return shared / ((a[2] - a[0]) * (a[3] - a[1]) + (b[2] - b[0]) * (b[3] - b[1]) - shared)
 
 
 def inside(box: Box, size: list[float]) -> Box:
@@ -129,8 +121,8 @@ def kept(rows: Rows, scored: Rows, others: dict[int, list[Box]]) -> Rows:
     for frame, truth in scored.items():
         of_frame = result.setdefault(frame, {})
         for track, (box, filled) in rows.get(frame, {}).items():
-            is_true = any(iou(box, other) >= MIN_IOU for other, _ in truth.values())
-            is_ignored = filled or any(iou(box, other) >= MIN_IOU for other in others.get(frame, []))
+            is_true = any(overlap(box, other) >= MIN_IOU for other, _ in truth.values())
+            is_ignored = filled or any(overlap(box, other) >= MIN_IOU for other in others.get(frame, []))
             if is_true or not is_ignored:
                 of_frame[track] = (box, filled)
     return result

@@ -1,6 +1,6 @@
 //! Chooses the parts of the picture on which the net runs. Together they cover all areas that must be inspected.
 
-use roadplane_base::bbox_around;
+use roadplane_base::{bbox_around, bbox_inside};
 
 use crate::resample::{MULTIPLE_PX, Part};
 
@@ -28,11 +28,11 @@ pub(crate) struct Region {
 pub(crate) fn regions(areas: &[[f64; 4]], whole: Part, scales: &[f64]) -> Vec<Region> {
     let finest = scales.last().copied().unwrap_or(1.0);
     let everything = [0.0, 0.0, whole.width as f64, whole.height as f64];
-    let inside =
-        |[x0, y0, x1, y1]: [f64; 4]| [x0.max(0.0), y0.max(0.0), x1.min(everything[2]), y1.min(everything[3])];
     let mut open: Vec<([f64; 4], Vec<[f64; 4]>)> = areas
         .iter()
-        .map(|area| (inside(with_margin(area, finest)), vec![inside(*area)]))
+        .map(|area| {
+            (bbox_inside(&with_margin(area, finest), &everything), vec![bbox_inside(area, &everything)])
+        })
         .filter(|(bounds, _)| bounds[2] > bounds[0] && bounds[3] > bounds[1])
         .collect();
     // The pair with the largest saving is joined first. If several pairs save the same, the first of them is joined.

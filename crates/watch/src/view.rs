@@ -2,7 +2,7 @@
 
 use image::RgbImage;
 use nalgebra::Vector2;
-use roadplane_base::{ImageSize, PictureMotion, bbox_share_inside};
+use roadplane_base::{ImageSize, PictureMotion, bbox_inside, bbox_share_inside};
 
 use crate::SmallGrey;
 use crate::level::resampled;
@@ -81,22 +81,15 @@ impl View {
     #[must_use]
     pub fn visible(&self, bbox_px: &[f64; 4]) -> Option<[f64; 4]> {
         let whole = self.whole_px();
-        let [_, _, width, height] = whole;
-        let [x0, y0, x1, y1] = *bbox_px;
-        (bbox_share_inside(bbox_px, &whole) >= 0.5).then_some([
-            x0.max(0.0),
-            y0.max(0.0),
-            x1.min(width),
-            y1.min(height),
-        ])
+        (bbox_share_inside(bbox_px, &whole) >= 0.5).then(|| bbox_inside(bbox_px, &whole))
     }
 
     /// Whether the picture shows a whole box of the keyframe. Only the part of the box inside the keyframe counts.
     #[must_use]
-    pub fn shows(&self, [x0, y0, x1, y1]: &[f64; 4]) -> bool {
-        let [left, top, right, bottom] = self.size.picture_px();
-        let inside = [x0.max(left), y0.max(top), x1.min(right), y1.min(bottom)];
-        let [x0, y0, x1, y1] = self.in_picture(&inside);
+    pub fn shows(&self, bbox_px: &[f64; 4]) -> bool {
+        let keyframe_px = self.size.picture_px();
+        let [left, top, right, bottom] = keyframe_px;
+        let [x0, y0, x1, y1] = self.in_picture(&bbox_inside(bbox_px, &keyframe_px));
         !self.is_displaced()
             || (x0 >= left - 1.0 && y0 >= top - 1.0 && x1 <= right + 1.0 && y1 <= bottom + 1.0)
     }
