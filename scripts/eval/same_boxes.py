@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Compares our tracks with those of SORT, ByteTrack and OC-SORT (`trackers`), from the same boxes, in the picture.
 
-    $(scripts/environment.sh counters) scripts/eval/same_boxes.py RUNS TRUTH... [--tracks FOLDER] [--out FOLDER]
+    $(scripts/environment.sh counters) scripts/eval/same_boxes.py RUNS TRUTH... [--tracks FOLDER]
 
 RUNS is the folder of finished runs with `--frames`: RUNS/CLIP/frames.jsonl has the boxes of the detector, also the weak
 ones. A truth file is CLIP.truth.json (gzipped or not) or CLIP.vehicles.json. Our tracks are those of FOLDER/CLIP, or

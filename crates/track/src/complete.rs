@@ -160,7 +160,7 @@ impl<S: Scene> Completion<'_, S> {
     fn vehicles(&mut self, mut tracks: Vec<RawTrack>) -> Vec<Kept> {
         tracks.retain(|raw| {
             let is_certain = !raw.is_boxed || raw.certain >= FEWEST;
-            raw.observations.len() >= self.least && is_certain
+            raw.observations.len() + raw.seen_again >= self.least && is_certain
         });
         let smoothed = if self.options.takes(TrackStep::Merge) {
             self.merged_smoothed(tracks)

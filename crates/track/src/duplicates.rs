@@ -111,6 +111,7 @@ fn fill(strong: &mut RawTrack, weak: RawTrack) {
         |link: &&Link| ends.is_some_and(|[first, last]| link.frame <= first || link.frame > last);
     strong.links.extend(weak.links.iter().filter(is_outside));
     strong.links.sort_by_key(|link| link.frame);
+    strong.seen_again += weak.seen_again;
     for observation in weak.observations {
         if let Err(place) = strong.observations.binary_search_by_key(&observation.frame, |o| o.frame)
             && (before_or_after(&observation)

@@ -14,9 +14,6 @@ use crate::{
 pub(crate) const HIDDEN_S: f64 = 60.0;
 /// Least overlap (IoU) of a stationary car's box with the box of a detection.
 const MIN_OVERLAP: f64 = 0.25;
-/// Half the width of a lane, m. A position with a larger sd says little, and boxes must then overlap. It is also the sd
-/// of the distance between tracklets that begin at one place.
-pub(crate) const HALF_LANE_M: f64 = 1.5;
 /// Overlap (IoU) of boxes that makes a pair, even where the pose is wrong.
 pub(crate) const SURE_OVERLAP: f64 = 0.5;
 
@@ -108,8 +105,8 @@ impl Expected {
         if is_still && (overlap < MIN_OVERLAP || is_another) {
             return f64::INFINITY;
         }
-        // A detection with a vague position is near to everything.
-        let is_near = distance < GATE && (spread < HALF_LANE_M || overlap > 0.0);
+        // A vague position is near to everything, so the boxes must touch, too.
+        let is_near = distance < GATE && overlap > 0.0;
         if is_near || overlap > SURE_OVERLAP { 0.5 * near + 0.5 * (1.0 - overlap) } else { f64::INFINITY }
     }
 }

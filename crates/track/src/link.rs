@@ -22,13 +22,16 @@ use roadplane_base::{assign, bbox_iou};
 
 use crate::{
     continuation::{End, STANDS_S, density, gain},
-    expected::{HALF_LANE_M, HIDDEN_S},
+    expected::HIDDEN_S,
     filter::MOTION_S,
     join::{features, probability},
     measurement::Sighting,
     numbers::sigmoid,
     raw_track::{Link, RawTrack},
 };
+
+/// Half the width of a lane, m: the sd of the distance between tracklets that begin at one place.
+const HALF_LANE_M: f64 = 1.5;
 
 /// Joins tracklets into tracks. Gaps of up to [`HIDDEN_S`] are bridged. `log_odds` returns the log odds that a tracklet
 /// is a vehicle; `None` for a tracklet that is one beyond doubt. With `cut`, links that are probably wrong are left out.

@@ -25,6 +25,8 @@ pub(crate) struct RawTrack {
     dims: DimsSum,
     /// Joins of tracklets, in the order of time.
     pub links: Vec<Link>,
+    /// Number of detections without a measurement.
+    pub seen_again: usize,
     /// Number of boxes without a tracklet of which the detector is certain. Those that are carried over do not count.
     pub certain: usize,
     /// Whether all of it was chained in the picture, from boxes that no tracklet has.
@@ -42,8 +44,6 @@ pub(crate) struct Link {
 
 /// One number per class, in the order of [`VehicleClass::ALL`].
 pub(crate) type Votes = SVector<f64, { VehicleClass::ALL.len() }>;
-/// Distance from the rear axle to the origin of a vehicle that is no car, as a share of its length.
-const HALF_WHEELBASE_SHARE: f64 = 0.25;
 
 /// Sizes from boxes, weighted by their precision.
 #[derive(Clone, Copy, Debug, Default)]
@@ -78,8 +78,9 @@ impl DimsSum {
 impl RawTrack {
     /// Starts a track with its first measurement.
     pub(crate) fn new(car: &CarMeasurement, observation: Sighting, shape: ShapeSum) -> Self {
-        let (observations, links, votes, dims, certain) = Default::default();
-        let mut track = Self { observations, shape, votes, dims, links, certain, is_boxed: false };
+        let (observations, links, votes, dims, certain, seen_again) = Default::default();
+        let mut track =
+            Self { observations, shape, votes, dims, links, seen_again, certain, is_boxed: false };
         track.add(car, observation);
         track
     }
@@ -95,7 +96,7 @@ impl RawTrack {
         let shape = ShapeSum::new(first.pose.xy(), first.pose.z);
         let (votes, dims, links) = (votes_of(boxes), DimsSum::of(dims_m), Vec::new());
         let certain = boxes.iter().filter(|(_, seen)| seen.is_sure() && !seen.held).count();
-        Some(Self { observations, shape, votes, dims, links, certain, is_boxed: true })
+        Some(Self { observations, shape, votes, dims, links, seen_again: 0, certain, is_boxed: true })
     }
 
     /// Returns the weighted mean of sizes with their sds, m.
@@ -122,6 +123,7 @@ impl RawTrack {
     pub(crate) fn append(&mut self, later: Self) {
         self.observations.extend(later.observations);
         self.links.extend(later.links);
+        self.seen_again += later.seen_again;
         self.certain += later.certain;
         self.is_boxed &= later.is_boxed;
         self.shape.append(later.shape);
@@ -135,9 +137,10 @@ impl RawTrack {
         if self.class() == VehicleClass::Car { None } else { self.dims.mean() }
     }
 
-    /// Returns the distance from the rear axle to the vehicle's origin, m.
+    /// Returns the distance from the rear axle to the vehicle's origin, m. It grows with the vehicle's length.
     pub(crate) fn half_wheelbase_m(&self) -> f64 {
-        self.dims_m().map_or(HALF_WHEELBASE_M, |dims_m| HALF_WHEELBASE_SHARE * dims_m.x)
+        let car_m = body_of(VehicleClass::Car).dims_m;
+        self.dims_m().map_or(HALF_WHEELBASE_M, |dims_m| HALF_WHEELBASE_M * dims_m.x / car_m.x)
     }
 
     /// Returns the class by votes and size.
@@ -236,9 +239,18 @@ mod tests {
             let mut dims = DimsSum::default();
             dims.add(&[Vector3::from(dims_m), Vector3::repeat(0.3)]);
             let shape = ShapeSum::new(Vector2::zeros(), 0.0);
-            let (observations, links, certain) = Default::default();
-            RawTrack { observations, shape, votes: vote(called, 1.0), dims, links, certain, is_boxed: false }
-                .class()
+            let (observations, links, certain, seen_again) = Default::default();
+            RawTrack {
+                observations,
+                shape,
+                votes: vote(called, 1.0),
+                dims,
+                links,
+                seen_again,
+                certain,
+                is_boxed: false,
+            }
+            .class()
         };
         use VehicleClass::{Bus, Car, Motorcycle, Truck};
         assert_eq!(class(Motorcycle, [2.0, 0.8, 1.6]), Motorcycle);

@@ -16,9 +16,6 @@ use crate::{
     shape::ShapeSum,
 };
 
-/// Least sd of a measured heading, rad: no measurement is better.
-const POSE_FLOOR_RAD: f64 = 0.005;
-
 /// A track that may continue.
 #[derive(Clone, Debug)]
 struct Live {
@@ -165,6 +162,9 @@ impl Tracker {
         let pairs = assign(self.live.len(), cars.len(), 1.0, |l, c| {
             if has_own[l] { f64::INFINITY } else { self.live[l].expected.cost(&observations[c]) }
         });
+        for (live, _) in self.live.iter_mut().zip(&again).filter(|(_, again)| again.is_some()) {
+            live.raw.seen_again += 1;
+        }
         let look = |c: usize| cars[c].detection.car.map(|car| CarRef { frame: frame.stamp.index, car });
         let mut taken = vec![false; cars.len()];
         for ((live, pair), has_own) in self.live.iter_mut().zip(&pairs).zip(&has_own) {
@@ -229,10 +229,10 @@ impl Tracker {
     }
 }
 
-/// Converts a measurement to a detection, and adds the least variances to its covariance.
+/// Converts a measurement to a detection, and adds the least variance to that of its position.
 fn observation(car: &CarMeasurement, frame: usize, time_s: f64) -> Sighting {
-    let floor = Vector3::new(POSE_FLOOR_M, POSE_FLOOR_M, POSE_FLOOR_RAD);
-    let covariance = car.covariance + Matrix3::from_diagonal(&floor.component_mul(&floor));
+    let floor = POSE_FLOOR_M.powi(2);
+    let covariance = car.covariance + Matrix3::from_diagonal(&Vector3::new(floor, floor, 0.0));
     Sighting {
         frame,
         time_s,

@@ -108,6 +108,23 @@ fn a_car_that_is_seen_again_takes_no_other_box() {
 }
 
 #[test]
+fn detections_without_keypoints_count_for_a_brief_vehicle() {
+    // A car crosses the picture. It is measured in every second frame, and only detected in the others.
+    for (detections, tracks) in [(6, 1), (5, 0)] {
+        let path = straight(pose(-3.0, 25.0, 0.0), 6.0);
+        let end_s = (detections as f64 - 0.5) / 10.0;
+        let cars: Vec<Path> = vec![Box::new(move |t| if t < end_s { path(t) } else { None })];
+        let mut seen = World::new(cars, Seeing::perfect(), times(3.0, 10.0), 5).see();
+        for i in (1..detections).step_by(2) {
+            let look = CarRef { frame: i as u64 - 1, car: 0 };
+            let Detection { bbox_px, score, .. } = seen.frames[i].cars.remove(0).detection;
+            seen.frames[i].seen_again.push(SeenAgain { look, bbox_px, score });
+        }
+        assert_eq!(track(&seen.frames).len(), tracks, "{detections} detections");
+    }
+}
+
+#[test]
 fn flickering_false_alarms_make_no_track() {
     let seeing = Seeing { false_alarms: 1.0, ..Seeing::usual() };
     for seed in 0..10 {
