@@ -8,30 +8,28 @@
 //!     + terms of class, size and colour
 //! ```
 //!
-//! An undetected vehicle has three modes: it was stationary, it drove on, or it crept on in a queue. In each, τ is the
-//! mean time for which it stays undetected. Vehicles appear anywhere with the density λ. Where the later tracklet
-//! begins, others that drive appear at the rate r. So in flowing traffic, a vehicle is not the stationary one that was
-//! there before.
+//! An undetected vehicle has three modes, which have the same probability in advance: it was stationary, it drove on, or
+//! it crept on in a queue. In each, τ is the mean time for which it stays undetected. Vehicles appear anywhere with the
+//! density λ. Where the later tracklet begins, others that drive appear at the rate r. So in flowing traffic, a vehicle
+//! is not the stationary one that was there before.
 
 use std::{f64::consts::PI, ops::AddAssign as _};
 
 use nalgebra::{Matrix2, Matrix4, Vector2, Vector4};
 use roadplane_base::{fold_axis, upper_median};
+use roadplane_measure::HEADING_SD_RAD;
 
 use crate::{
     colour::Colour,
+    expected::STANDS_S,
     filter::{MOTION_S, SPEED_SD, STANDING_MPS, STANDING_SHARE, STILL_M, driven, mixed},
     measurement::Sighting,
     noise::COMMON_SHARE,
     raw_track::{RawTrack, Votes},
 };
 
-/// Mean time for which a stationary or creeping vehicle stays undetected, s (exponential distribution).
-pub(crate) const STANDS_S: f64 = 20.0;
 /// Mean time for which a driving vehicle stays undetected, s (exponential distribution).
 const DRIVES_S: f64 = MOTION_S;
-/// Prior probabilities of the three modes: stationary, driving, creeping.
-const SHARES: [f64; 3] = [0.4, 0.45, 0.15];
 /// Greatest speed of creeping, m/s.
 const CREEP_MPS: f64 = 2.5;
 /// Density of vehicles that appear anywhere, per m².
@@ -75,7 +73,7 @@ impl End {
         let (state, covariance) = motion(&part, edge.time_s);
         let mut axis = Vector2::zeros();
         for o in &part {
-            let weight = 1.0 / (o.covariance[(2, 2)] + 1e-3);
+            let weight = 1.0 / (o.covariance[(2, 2)] + HEADING_SD_RAD.powi(2));
             axis += Vector2::new((2.0 * o.pose.z).cos(), (2.0 * o.pose.z).sin()) * weight;
         }
         let velocity = state.fixed_rows::<2>(2).into_owned();
@@ -161,7 +159,7 @@ pub(crate) fn gain(end: &End, start: &End, gap_s: f64, arrivals: f64) -> f64 {
     let stood = mode(STANDS_S, end.stands * density(&way, &rested) * start.standing);
     let drove = mode(DRIVES_S, drive_density(end, start, gap_s));
     let crept = mode(STANDS_S, creep_density(end, start, &way, &places, gap_s));
-    let same = SHARES[0] * stood + SHARES[1] * drove + SHARES[2] * crept;
+    let same = (stood + drove + crept) / 3.0;
     let new = mixed(start.standing, start.driving);
     let colours = end.colour.zip(start.colour).map_or(0.0, |(before, after)| before.same_vehicle(after));
     (same.max(1e-300) / new.max(1e-300)).ln() + class_gain(end, start) + size_gain(end, start) + colours
@@ -170,9 +168,8 @@ pub(crate) fn gain(end: &End, start: &End, gap_s: f64, arrivals: f64) -> f64 {
 /// Returns the density of position and velocity after a gap (s) in which the vehicle drove on.
 fn drive_density(end: &End, start: &End, gap_s: f64) -> f64 {
     let (state, covariance) = driven(&end.state, &end.covariance, gap_s);
-    let spread = covariance + start.covariance + Matrix4::identity() * 0.01;
     let away = start.state - state;
-    let Some(factor) = spread.cholesky() else { return 0.0 };
+    let Some(factor) = (covariance + start.covariance).cholesky() else { return 0.0 };
     let root: f64 = factor.l().diagonal().iter().product();
     (-0.5 * away.dot(&factor.solve(&away))).exp() / ((2.0 * PI).powi(2) * root.max(1e-300))
 }
@@ -190,9 +187,9 @@ fn creep_density(end: &End, start: &End, way: &Vector2<f64>, places: &Matrix2<f6
     let sd = |direction: &Vector2<f64>| direction.dot(&(places * direction)).max(0.0);
     let reach = CREEP_MPS * gap_s;
     let beyond = if along < 0.0 { along } else { (along - reach).max(0.0) };
-    let outside = (-0.5 * beyond * beyond / (sd(&ahead) + 0.25)).exp();
+    let outside = (-0.5 * beyond * beyond / (sd(&ahead) + STILL_M.powi(2))).exp();
     let off = way.dot(&aside);
-    let variance = sd(&aside) + STILL_M * STILL_M;
+    let variance = sd(&aside) + STILL_M.powi(2);
     let on_line = (-0.5 * off * off / variance).exp() / (2.0 * PI * variance).sqrt();
     let after = density(
         &start.velocity(),
@@ -209,8 +206,7 @@ fn class_gain(end: &End, start: &End) -> f64 {
     }
     let shares = |votes: &Votes| (votes + PRIOR_VOTES) / (votes + PRIOR_VOTES).sum();
     let same = shares(&end.votes).dot(&shares(&start.votes));
-    // Most vehicles are of one class, so agreement says little and disagreement much.
-    (same / 0.6).ln().min(0.0)
+    same.ln()
 }
 
 /// Returns the log likelihood ratio of the sizes, at most 0.

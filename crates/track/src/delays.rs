@@ -9,14 +9,13 @@ use nalgebra::{Matrix3, Vector2, Vector3};
 use roadplane_base::{bbox_centre, median};
 
 use crate::{
+    filter::MOTION_S,
     noise::{MIN_SIGHTINGS, SIGNIFICANT},
     picture_chains::{Chain, size_px},
 };
 
-/// Number of boxes before and after a box that show its path, at most and at least.
+/// Number of boxes before and after a box that show its path, at most and at least. They are within [`MOTION_S`].
 const NEIGHBOURS: (usize, usize) = (8, 2);
-/// Longest time to such a neighbour, s. A path is no parabola for longer.
-const PATH_S: f64 = 0.9;
 /// Least step to the farthest neighbour, in box sizes. A slower vehicle shows no delay.
 const LEAST_STEP_SIZES: f64 = 0.15;
 /// Number of times that the weights are computed.
@@ -152,7 +151,7 @@ fn lead(places: &[(usize, Vector2<f64>, f64)], i: usize, times_s: &[f64]) -> Opt
     let since = |k: usize| times_s[places[k].0] - times_s[frame];
     let (most, least) = NEIGHBOURS;
     // Time stamps may be equal, or go backwards.
-    let is_near = |time_s: f64| 0.0 < time_s && time_s <= PATH_S;
+    let is_near = |time_s: f64| 0.0 < time_s && time_s <= MOTION_S;
     let before = (i.saturating_sub(most)..i).filter(|k| is_near(-since(*k)));
     let after = (i + 1..places.len().min(i + 1 + most)).filter(|k| is_near(since(*k)));
     if before.clone().count() < least || after.clone().count() < least {

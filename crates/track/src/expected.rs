@@ -7,11 +7,14 @@ use crate::{
     colour::Colour,
     filter::{Filter, GATE},
     measurement::Sighting,
+    noise::SIGNIFICANT,
 };
 
+/// Mean time for which a stationary or creeping vehicle stays undetected, s (exponential distribution).
+pub(crate) const STANDS_S: f64 = 20.0;
 /// Longest gap that linking bridges, and longest time for which a stationary vehicle is followed without a detection,
-/// s.
-pub(crate) const HIDDEN_S: f64 = 60.0;
+/// s. It is exceeded in 5 % of the cases.
+pub(crate) const HIDDEN_S: f64 = SIGNIFICANT * STANDS_S;
 /// Least overlap (IoU) of a stationary car's box with the box of a detection.
 const MIN_OVERLAP: f64 = 0.25;
 /// Overlap (IoU) of boxes that makes a pair, even where the pose is wrong.
@@ -86,8 +89,9 @@ impl Expected {
     fn cost_of_place(&self, sighting: &Sighting) -> f64 {
         let distance = self.filter.distance(&sighting.pose, &sighting.covariance, sighting.time_s);
         let near = (distance / GATE).min(1.0);
+        // A vehicle that was undetected for long has no expected box, so nothing overlaps it.
         let Some(expected) = self.box_px(sighting.time_s) else {
-            return if distance < GATE { 0.25 + 0.65 * near } else { f64::INFINITY };
+            return if distance < GATE { 0.5 * near + 0.5 } else { f64::INFINITY };
         };
         let seen_px = &sighting.detection.bbox_px;
         let (is_still, plain) = (self.filter.is_still(), bbox_iou(&expected, seen_px));

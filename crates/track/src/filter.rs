@@ -5,6 +5,7 @@
 
 use nalgebra::{Matrix2, Matrix2x4, Matrix3, Matrix4, Vector2, Vector3, Vector4};
 use roadplane_base::fold_axis;
+use roadplane_measure::HEADING_SD_RAD;
 
 use crate::box_motion::COAST_S;
 
@@ -78,7 +79,8 @@ impl Filter {
     pub(crate) fn distance(&self, pose: &Vector3<f64>, covariance: &Matrix3<f64>, time_s: f64) -> f64 {
         let to = |expected: &Self| {
             let turned = fold_axis(pose.z - self.axis);
-            let heading = turned * turned / (expected.axis_variance + covariance[(2, 2)] + 0.01);
+            let heading =
+                turned * turned / (expected.axis_variance + covariance[(2, 2)] + HEADING_SD_RAD.powi(2));
             expected.position_distance(pose, &position_part(covariance)) + heading
         };
         let driving = || to(&self.driving(time_s));
@@ -107,7 +109,7 @@ impl Filter {
             self.covariance = rest * p * rest.transpose() + gain * noise * gain.transpose();
         }
         let axis_variance = expected.axis_variance;
-        let share = axis_variance / (axis_variance + covariance[(2, 2)] * widened + 0.01);
+        let share = axis_variance / (axis_variance + covariance[(2, 2)] * widened + HEADING_SD_RAD.powi(2));
         self.axis += share * fold_axis(pose.z - self.axis);
         self.axis_variance = (1.0 - share) * axis_variance;
         self.time_s = time_s;

@@ -21,8 +21,8 @@ use nalgebra::Matrix2;
 use roadplane_base::{assign, bbox_iou};
 
 use crate::{
-    continuation::{End, STANDS_S, density, gain},
-    expected::HIDDEN_S,
+    continuation::{End, density, gain},
+    expected::{HIDDEN_S, STANDS_S},
     filter::MOTION_S,
     join::{features, probability},
     measurement::Sighting,

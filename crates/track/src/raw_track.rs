@@ -64,7 +64,7 @@ impl DimsSum {
 
     /// Adds a size with its sd, m.
     fn add(&mut self, [dims, sd]: &[Vector3<f64>; 2]) {
-        let precision = sd.map(|sd| sd.max(0.05).powi(-2));
+        let precision = sd.map(|sd| sd.powi(-2));
         self.weighted += dims.component_mul(&precision);
         self.precision += precision;
     }

@@ -2,6 +2,7 @@
 
 use nalgebra::{Vector2, Vector3};
 use roadplane_base::{angle_difference, fold_axis};
+use roadplane_measure::HEADING_SD_RAD;
 
 use crate::{
     filter::{MOTION_S, STILL_M},
@@ -125,7 +126,7 @@ fn facing(sightings: &[Sighting], axes: &[f64], places: &[Vector3<f64>]) -> Faci
 fn keypoint_odds(sightings: &[Sighting], axes: &[f64]) -> f64 {
     let (mut sum, mut total) = (0.0, 0.0);
     for (sighting, axis) in sightings.iter().zip(axes).filter(|(sighting, _)| !sighting.from_box) {
-        let weight = 1.0 / (sighting.covariance[(2, 2)] + 0.05);
+        let weight = 1.0 / (sighting.covariance[(2, 2)] + HEADING_SD_RAD.powi(2));
         sum += weight * angle_difference(sighting.pose.z, *axis).cos().signum();
         total += weight;
     }

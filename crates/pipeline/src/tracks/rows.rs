@@ -1,7 +1,7 @@
 //! Converts a track to rows: positions, observed or projected boxes, and whether the two agree.
 
 use nalgebra::Vector3;
-use roadplane_base::{CameraEstimate, TrackRow, bbox_inside, bbox_iou, bbox_share_inside};
+use roadplane_base::{CameraEstimate, TrackRow, bbox_inside, bbox_iou};
 use roadplane_measure::{FrameBoxes, FrameCamera, body_box, filled_boxes, projected_box};
 use roadplane_track::{Join, Track, TrackState};
 
@@ -11,8 +11,6 @@ use crate::tracks::views::Views;
 
 /// Least overlap of an observed row's box with the vehicle's projected box (intersection over union).
 const MIN_ROW_OVERLAP: f64 = 0.3;
-/// Least share of an unobserved vehicle's box inside the picture; with less there is no row.
-const IN_VIEW_SHARE: f64 = 0.15;
 
 /// Returns the probability of the join that a state belongs to: the state is within its gap, or is the first after it.
 fn same_vehicle_p(track: &Track, state: &TrackState) -> Option<f64> {
@@ -56,8 +54,9 @@ impl Pass<'_> {
         let row = |(i, state): (usize, &TrackState)| {
             let estimate = self.cameras.at(state.stamp.time_s())?;
             let FrameBoxes { picture_px, measured_px, .. } = boxes[i];
-            let in_view = |filled: &[f64; 4]| bbox_share_inside(filled, &picture_px) >= IN_VIEW_SHARE;
-            let filled_px = filled_px[i].filter(in_view).map(|filled| bbox_inside(&filled, &picture_px));
+            // A part of less than a pixel cannot be seen.
+            let is_visible = |[x0, y0, x1, y1]: &[f64; 4]| x1 - x0 >= 1.0 && y1 - y0 >= 1.0;
+            let filled_px = filled_px[i].map(|filled| bbox_inside(&filled, &picture_px)).filter(is_visible);
             let in_world = measured_px.or(filled_px)?;
             let bbox_px = views.in_picture(state.stamp.index, &in_world);
             let part = estimate.ground().part_at(state.pose.x_m, state.pose.y_m);
