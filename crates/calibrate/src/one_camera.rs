@@ -103,9 +103,8 @@ impl<I> OneCamera<I> {
         if !self.places.is_measured() {
             return Some(Position { time_s, place: 0, picture_from_world: shifted(watch.offset()) });
         }
-        // A short view between two others may be a lorry in front of the camera: the last position holds. A short view at
-        // the beginning is another place.
-        let is_elsewhere = self.last.is_none() && !watch.motion.is_empty()
+        // A view without a place is elsewhere. A picture without any motion keeps the last position.
+        let is_elsewhere = !watch.motion.is_empty()
             || matches!(watch.verdict, PictureVerdict::Unsettled | PictureVerdict::Moving);
         self.lost = if watch.motion.iter().any(|found| self.places.is_travelling(found.reference)) {
             Some(NotFollowedReason::Travelling)

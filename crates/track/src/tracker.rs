@@ -162,8 +162,8 @@ impl Tracker {
         let pairs = assign(self.live.len(), cars.len(), 1.0, |l, c| {
             if has_own[l] { f64::INFINITY } else { self.live[l].expected.cost(&observations[c]) }
         });
-        for (live, _) in self.live.iter_mut().zip(&again).filter(|(_, again)| again.is_some()) {
-            live.raw.seen_again += 1;
+        for (live, again) in self.live.iter_mut().zip(&again) {
+            live.raw.seen_again += usize::from(again.is_some());
         }
         let look = |c: usize| cars[c].detection.car.map(|car| CarRef { frame: frame.stamp.index, car });
         let mut taken = vec![false; cars.len()];

@@ -38,16 +38,17 @@ fn converted(frames: Vec<FrameRecord>) -> Vec<FrameRecord> {
 
 #[test]
 fn a_view_too_short_for_a_place_is_lost_and_says_so() {
-    // A view of one second, a cut, and a view of four seconds.
-    let view = |i: u64| record(i, vec![shifted(if i < 10 { 0 } else { 10 }, 0.0)], PictureVerdict::Rest);
-    let frames = converted((0..50).map(view).collect());
+    // A view of one second, a view of four seconds, and another one of a second, with cuts between them.
+    let reference = |i: u64| [0, 10, 50][usize::from(i >= 10) + usize::from(i >= 50)];
+    let view = |i: u64| record(i, vec![shifted(reference(i), 0.0)], PictureVerdict::Rest);
+    let frames = converted((0..60).map(view).collect());
     let of = |frame: &FrameRecord| {
         let watch = frame.watch.as_ref().unwrap();
         (frame.cars.len(), frame.scene_lines.is_some(), watch.left_out)
     };
-    assert_eq!(frames.len(), 50);
+    assert_eq!(frames.len(), 60);
     for (i, frame) in frames.iter().enumerate() {
-        let expected = match i < 10 {
+        let expected = match !(10..50).contains(&i) {
             true => (0, false, Some(NotFollowedReason::NotRegistered)),
             false => (4, true, None),
         };
