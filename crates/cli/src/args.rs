@@ -227,7 +227,7 @@ pub struct DistanceArgs {
 /// Arguments of `roadplane schemas`.
 #[derive(Debug, Args)]
 pub struct SchemasArgs {
-    /// One schema only: tracks, camera, poses, frames, summary, known, piece or plan.
+    /// One schema only: tracks, camera, poses, frames, summary, known, piece, plan or traffic.
     #[arg(value_name = "NAME")]
     pub name: Option<String>,
     /// Write NAME.schema.json files into this folder.
