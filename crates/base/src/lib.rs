@@ -49,6 +49,7 @@ mod frame;
 mod ground;
 mod homography;
 mod image_size;
+mod interpolated;
 mod keypoint;
 mod lens;
 mod picture_motion;
@@ -77,6 +78,7 @@ pub use frame::{Frame, FrameStamp};
 pub use ground::{Ground, GroundPart};
 pub use homography::{Homography, Turn, bbox_grid};
 pub use image_size::ImageSize;
+pub use interpolated::interpolated;
 pub use keypoint::{
     KEYPOINTS, Keypoint, KeypointSet, MIN_KEYPOINTS, keypoint_names, mirror_index, skeleton_edges,
 };

@@ -4,7 +4,7 @@
 //! changes slowly. So each edge of a projected box is moved by the difference at the nearest detections before and after
 //! it, interpolated over time. The difference is a share of the projected box's width or height.
 
-use roadplane_base::bbox_cut;
+use roadplane_base::{bbox_cut, interpolated};
 
 /// The boxes of a vehicle in a frame, px.
 #[derive(Clone, Copy, Debug)]
@@ -32,16 +32,6 @@ impl FrameBoxes {
 /// Returns the width of a box for its left and right edge, and the height for the others.
 fn side(bbox: &[f64; 4], edge: usize) -> f64 {
     bbox[edge % 2 + 2] - bbox[edge % 2]
-}
-
-/// Returns a value at a time from values in the order of time. Beyond the first and the last one, it is constant.
-fn interpolated(values: &[(f64, f64)], time_s: f64) -> f64 {
-    let next = values.partition_point(|(at_s, _)| *at_s < time_s);
-    match (values[..next].last(), values.get(next)) {
-        (Some((from_s, from)), Some((to_s, to))) => from + (to - from) * (time_s - from_s) / (to_s - from_s),
-        (Some((_, value)), None) | (None, Some((_, value))) => *value,
-        (None, None) => 0.0,
-    }
 }
 
 /// Returns the projected boxes of a vehicle, px, corrected by its measured boxes. The frames are in the order of time.

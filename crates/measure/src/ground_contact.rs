@@ -10,7 +10,7 @@
 
 use std::f64::consts::PI;
 
-use nalgebra::{Matrix2, Matrix3, SMatrix, SVector, Vector2, Vector3, Vector4};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3, Vector4};
 use roadplane_base::{GroundPose, VehicleClass, bbox_cut, bbox_foot, fold_axis};
 
 use crate::edge::{EDGE_SD_PX, EDGE_SD_SHARE, OUTLINE_SD, OUTWARD};
@@ -115,9 +115,7 @@ type Place = SVector<f64, 5>;
 
 /// The fit of one body to the box.
 struct Fit {
-    /// Position and size, m.
     place: Place,
-    /// Covariance of position and size, m².
     covariance: SMatrix<f64, 5, 5>,
     /// Heading of the body, rad.
     heading: f64,
@@ -129,9 +127,8 @@ struct Fit {
 struct Linear {
     /// Its value, up to a constant.
     cost: f64,
-    /// Its second derivatives: the information.
+    /// Its second derivatives.
     information: SMatrix<f64, 5, 5>,
-    /// Its gradient.
     gradient: Place,
 }
 
@@ -185,7 +182,9 @@ impl Seen<'_> {
         let [x0, y0, x1, y1] = *self.bbox_px;
         let sd_px = EDGE_SD_PX + EDGE_SD_SHARE.hypot(OUTLINE_SD) * (x1 - x0).min(y1 - y0);
         let inside = |place: &Place| {
-            let at = self.projected(place)?;
+            let pose = GroundPose { x_m: place[0], y_m: place[1], heading_rad: self.heading };
+            let dims_m = place.fixed_rows::<3>(2).into_owned();
+            let at = body_box(self.view, &pose, self.body.class, &dims_m)?;
             Some(Vector4::from_fn(|i, _| OUTWARD[i] * (at[i] - self.bbox_px[i]) / sd_px))
         };
         let here = inside(place)?;
@@ -214,12 +213,6 @@ impl Seen<'_> {
         information[(0, 0)] += 1e-6;
         information[(1, 1)] += 1e-6;
         Some(Linear { cost, information, gradient })
-    }
-
-    /// Returns the box of the body in the picture, px.
-    fn projected(&self, place: &Place) -> Option<[f64; 4]> {
-        let pose = GroundPose { x_m: place[0], y_m: place[1], heading_rad: self.heading };
-        body_box(self.view, &pose, self.body.class, &Vector3::new(place[2], place[3], place[4]))
     }
 }
 
@@ -251,8 +244,7 @@ fn mixture(fits: &[Fit], step: f64) -> Option<GroundContact> {
     // of headings.
     let axis_variance = -2.0 * axis.norm().clamp(1e-3, 1.0).ln() / 4.0 + step * step / 12.0;
     let mut covariance = Matrix3::zeros();
-    let position: Matrix2<f64> = spread.fixed_view::<2, 2>(0, 0).into_owned();
-    covariance.fixed_view_mut::<2, 2>(0, 0).copy_from(&position);
+    covariance.fixed_view_mut::<2, 2>(0, 0).copy_from(&spread.fixed_view::<2, 2>(0, 0));
     covariance[(2, 2)] = axis_variance.max(turned_square);
     covariance.fixed_view_mut::<2, 1>(0, 2).copy_from(&by_heading);
     covariance.fixed_view_mut::<1, 2>(2, 0).copy_from(&by_heading.transpose());

@@ -20,7 +20,7 @@ use crate::not_followed::{FollowCount, NotFollowed};
 use crate::tracks::known::tracked_cars;
 use crate::tracks::pass::{Pass, Tally};
 use crate::tracks::views::Views;
-use crate::tracks::{Load, MOST_ROWS, Numbers, Replay, TimeChunk, detections_of};
+use crate::tracks::{Load, MOST_ROWS, Numbers, Replay, TimeChunk};
 use crate::{CameraConstraints, Cancel, Config, PipelineError};
 
 /// Result of estimation for a clip: the camera, the tracks and their statistics.
@@ -233,8 +233,8 @@ pub(crate) fn solve_constrained_clip(
     warnings.extend(on_motion);
     let any_car = any_car(atlas, cameras.size_of_cars);
     let clock = clock.finish();
-    if clock.sd_s() > 0.0 {
-        tracing::info!("the time stamps are wrong by {:.3} s (sd); the tracks correct this", clock.sd_s());
+    if clock.sd_s > 0.0 {
+        tracing::info!("the time stamps are wrong by {:.3} s (sd); the tracks correct this", clock.sd_s);
     }
     let pass = Pass {
         cameras: &cameras,
@@ -307,7 +307,7 @@ pub(crate) fn solve_constrained_clip(
         reprojection_rms_px,
         poses_used,
         tally,
-        time_sd_s: (clock.sd_s() * 1e4).round() / 1e4,
+        time_sd_s: (clock.sd_s * 1e4).round() / 1e4,
         not_followed,
         views: motion,
         warnings,
@@ -326,7 +326,7 @@ impl Poses {
     /// track.
     fn add(&mut self, spool: &Path, tracks: &[Track]) -> Result<(), PipelineError> {
         let tracked: BTreeMap<CarRef, u64> =
-            tracks.iter().flat_map(|track| detections_of(track).map(|(key, _)| (key, track.id))).collect();
+            tracks.iter().flat_map(|track| track.measured().map(|(key, _)| (key, track.id))).collect();
         for pose in read_jsonl::<PoseRecord>(spool)? {
             let mut pose = pose?;
             pose.track = tracked.get(&CarRef { frame: pose.frame, car: pose.car }).copied();

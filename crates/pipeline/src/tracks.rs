@@ -1,12 +1,12 @@
 //! Locates cars with the estimated camera and tracks them over the clip.
 
+pub(crate) mod chunks;
 pub(crate) mod known;
 pub(crate) mod pass;
 pub(crate) mod poses;
 mod rows;
 mod scene;
 pub(crate) mod shared_error;
-pub(crate) mod stretch;
 pub(crate) mod views;
 
-pub(crate) use stretch::{Load, MOST_ROWS, Numbers, Replay, TimeChunk, detections_of};
+pub(crate) use chunks::{Load, MOST_ROWS, Numbers, Replay, TimeChunk};

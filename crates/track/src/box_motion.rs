@@ -13,7 +13,7 @@ pub(crate) const COAST_S: f64 = 0.4;
 #[derive(Clone, Debug)]
 pub(crate) struct BoxMotion {
     /// Box of the last detection (left, top, right, bottom), px.
-    last_px: [f64; 4],
+    pub last_px: [f64; 4],
     /// Time of the last detection, s.
     last_s: f64,
     /// Velocity of the box's centre, px/s.
@@ -45,11 +45,6 @@ impl BoxMotion {
         self.velocity_px_s = Vector2::zeros();
         (self.last_px, self.last_s) = (bbox_px, time_s);
         self.seen += 1;
-    }
-
-    /// Returns the box of the last detection, px.
-    pub(crate) fn last_px(&self) -> &[f64; 4] {
-        &self.last_px
     }
 
     /// Returns the time since the last detection, s.

@@ -18,7 +18,7 @@ use crate::{
     descent::descend,
     measurement::Sighting,
     noise::COMMON_SHARE,
-    vehicle::{Node, State, Vehicle, moved, origin},
+    vehicle::{State, Vehicle, moved, origin},
 };
 
 /// Number of shared unknowns: length, width and height (m), and one offset per edge. The offset is the distance outside
@@ -49,11 +49,7 @@ impl Look {
     /// Combines the detections of a node: one, or all those of a stationary interval. Each edge is the median over the
     /// detections that show it. `together` is the number of detections from about this position. Returns `None` without
     /// a measured detection.
-    pub(crate) fn of(
-        sightings: &[Sighting],
-        together: f64,
-        stamp: impl Fn(&Sighting) -> FrameStamp,
-    ) -> Option<Self> {
+    pub(crate) fn of(sightings: &[Sighting], together: f64, stamps: &[FrameStamp]) -> Option<Self> {
         let first = sightings.iter().find(|o| !o.detection.held)?;
         let looks: Vec<&Detection> = sightings.iter().map(|o| &o.detection).filter(|o| !o.held).collect();
         let edge = |i: usize| {
@@ -83,22 +79,14 @@ impl Look {
                 looks: count / (1.0 + (together.max(count) - 1.0) * COMMON_SHARE),
             }
         });
-        Some(Self { stamp: stamp(first), edges, side_px, count: looks.len() as f64 })
-    }
-
-    /// Returns how far each edge of the box lies inside the body's projected outline. The unit is the edge's sd times
-    /// `ease`.
-    fn inside(&self, body_px: &Vector4<f64>, ease: f64) -> Vector4<f64> {
-        Vector4::from_fn(|i, _| {
-            OUTWARD[i] * (body_px[i] - self.edges[i].seen_px) / (ease * self.edges[i].sd_px)
-        })
+        Some(Self { stamp: stamps[first.frame], edges, side_px, count: looks.len() as f64 })
     }
 }
 
 /// The least-squares problem of one vehicle.
 pub(crate) struct ByBoxes<'a, S> {
-    /// Nodes of the path, with the poses that were measured there.
-    pub nodes: &'a [Node],
+    /// Motion model of the path, with the poses that were measured there.
+    pub vehicle: Vehicle<'a>,
     /// Observation of each node, where boxes place it.
     pub looks: &'a [Option<Look>],
     /// Prior of the body.
@@ -107,23 +95,10 @@ pub(crate) struct ByBoxes<'a, S> {
     pub start_m: Vector3<f64>,
     /// Scene that projects the body into the picture.
     pub scene: &'a S,
-    /// Distance from the rear axle to the vehicle's origin, m.
-    pub half_wheelbase_m: f64,
-}
-
-/// The solution of the least-squares problem.
-pub(crate) struct Solved {
-    /// State of each node.
-    pub states: Vec<State>,
-    /// Covariance of each state, all other unknowns being uncertain.
-    pub covariances: Vec<Matrix5<f64>>,
-    /// Size of the vehicle with its covariance.
-    pub body: Body,
 }
 
 /// Normal equations of the chain of states and the shared unknowns.
 struct Bordered {
-    /// Blocks of the chain of states.
     blocks: Blocks,
     /// Coupling of each state with the shared unknowns.
     border: Vec<Border>,
@@ -134,9 +109,9 @@ struct Bordered {
 }
 
 impl<S: Scene> ByBoxes<'_, S> {
-    /// Solves the problem, starting from the states of a path. Returns `None` where boxes and path contradict each
-    /// other.
-    pub(crate) fn solve(&self, mut states: Vec<State>) -> Option<Solved> {
+    /// Solves the problem, starting from the states of a path. Returns the states, the covariance of each, all other
+    /// unknowns being uncertain, and the body. `None` where boxes and path contradict each other.
+    pub(crate) fn solve(&self, mut states: Vec<State>) -> Option<(Vec<State>, Vec<Matrix5<f64>>, Body)> {
         let mut shared = Shared::zeros();
         shared.fixed_rows_mut::<3>(0).copy_from(&self.start_m);
         let least_m = self.body.least_m();
@@ -158,15 +133,12 @@ impl<S: Scene> ByBoxes<'_, S> {
             return None;
         }
         let (covariances, shared_covariance) = self.system(&states, &shared, 1.0)?.covariances()?;
-        Some(Solved {
-            states,
-            covariances,
-            body: Body {
-                class: self.body.class,
-                dims_m: shared.fixed_rows::<3>(0).into_owned(),
-                covariance: shared_covariance.fixed_view::<3, 3>(0, 0).into_owned(),
-            },
-        })
+        let body = Body {
+            class: self.body.class,
+            dims_m: shared.fixed_rows::<3>(0).into_owned(),
+            covariance: shared_covariance.fixed_view::<3, 3>(0, 0).into_owned(),
+        };
+        Some((states, covariances, body))
     }
 
     /// Whether most observations show the whole body, apart from parts behind another vehicle.
@@ -174,18 +146,13 @@ impl<S: Scene> ByBoxes<'_, S> {
         let (mut seen, mut all) = (0.0, 0.0);
         for (state, look) in states.iter().zip(self.looks) {
             let Some(look) = look else { continue };
-            let pose = origin(state, self.half_wheelbase_m).0;
-            let inside = look.inside(&self.body_px(look, &pose, shared)?, 1.0);
+            let pose = origin(state, self.vehicle.half_wheelbase_m).0;
+            let inside = self.inside(look, &pose, shared, 1.0)?;
             let is_own = |(edge, by): (&Edge, &f64)| edge.is_own(*by) || edge.is_hidden();
             all += look.count;
             seen += if look.edges.iter().zip(&inside).all(is_own) { look.count } else { 0.0 };
         }
         Some(2.0 * seen >= all)
-    }
-
-    /// Returns the motion model of the nodes.
-    fn vehicle(&self) -> Vehicle<'_> {
-        Vehicle { nodes: self.nodes, half_wheelbase_m: self.half_wheelbase_m }
     }
 
     /// Returns mean and precision of the prior of the shared unknowns.
@@ -202,38 +169,42 @@ impl<S: Scene> ByBoxes<'_, S> {
     fn cost(&self, states: &[State], shared: &Shared, ease: f64) -> Option<f64> {
         let (about, precision) = self.prior()?;
         let off = shared - about;
-        let mut total = self.vehicle().cost(states) + 0.5 * off.dot(&(precision * off));
+        let mut total = self.vehicle.cost(states) + 0.5 * off.dot(&(precision * off));
         for (state, look) in states.iter().zip(self.looks) {
             let Some(look) = look else { continue };
-            let pose = origin(state, self.half_wheelbase_m).0;
-            let inside = look.inside(&self.body_px(look, &pose, shared)?, ease);
+            let pose = origin(state, self.vehicle.half_wheelbase_m).0;
+            let inside = self.inside(look, &pose, shared, ease)?;
             total +=
                 look.edges.iter().zip(&inside).map(|(edge, by)| edge.cost_and_weight(*by).0).sum::<f64>();
         }
         total.is_finite().then_some(total)
     }
 
-    /// Returns the box in which the whole body would be visible (left, top, right, bottom), px.
-    fn body_px(&self, look: &Look, pose: &Vector3<f64>, shared: &Shared) -> Option<Vector4<f64>> {
+    /// Returns how far each edge of the box (left, top, right, bottom) lies inside the body's projected outline. The unit
+    /// is the edge's sd times `ease`.
+    fn inside(&self, look: &Look, pose: &Vector3<f64>, shared: &Shared, ease: f64) -> Option<Vector4<f64>> {
         let pose = GroundPose { x_m: pose.x, y_m: pose.y, heading_rad: pose.z };
         let dims_m = shared.fixed_rows::<3>(0).into_owned();
         let body = self.scene.body_px(&look.stamp, &pose, self.body.class, &dims_m)?;
-        Some(Vector4::from_fn(|i, _| body[i] + OUTWARD[i] * shared[3 + i] * look.side_px))
+        Some(Vector4::from_fn(|i, _| {
+            let edge_px = body[i] + OUTWARD[i] * shared[3 + i] * look.side_px;
+            OUTWARD[i] * (edge_px - look.edges[i].seen_px) / (ease * look.edges[i].sd_px)
+        }))
     }
 
     /// Returns the normal equations about the given states.
     fn system(&self, states: &[State], shared: &Shared, ease: f64) -> Option<Bordered> {
         let (about, precision) = self.prior()?;
         let mut system = Bordered {
-            blocks: self.vehicle().blocks(states),
+            blocks: self.vehicle.blocks(states),
             border: vec![Border::zeros(); states.len()],
             shared: precision,
             gradient: precision * (shared - about),
         };
         for (i, (state, look)) in states.iter().zip(self.looks).enumerate() {
             let Some(look) = look else { continue };
-            let (pose, by_state) = origin(state, self.half_wheelbase_m);
-            let inside = |pose: &_, shared: &_| Some(look.inside(&self.body_px(look, pose, shared)?, ease));
+            let (pose, by_state) = origin(state, self.vehicle.half_wheelbase_m);
+            let inside = |pose: &_, shared: &_| self.inside(look, pose, shared, ease);
             let here = inside(&pose, shared)?;
             let weights = Vector4::from_fn(|i, _| look.edges[i].cost_and_weight(here[i]).1);
             let (mut by_pose, mut by_shared) =

@@ -6,7 +6,7 @@
 
 use std::cmp::Ordering;
 
-use roadplane_base::{FrameRecord, bbox_cut};
+use roadplane_base::{FrameRecord, bbox_cut, interpolated};
 
 use crate::{
     Detection,
@@ -21,24 +21,15 @@ const LEAST_SHARE: f64 = 0.2;
 /// about 100 MB.
 const MOST: usize = 200_000;
 
-/// When the picture of an inference frame was taken.
-#[derive(Clone, Copy, Debug, PartialEq)]
-struct Picture {
-    /// Time stamp, s.
-    time_s: f64,
-    /// Time from the time stamp to the moment at which the picture was taken, s.
-    delay_s: f64,
-}
+/// Time stamp of an inference frame, s, and the time from it to the moment at which the picture was taken, s.
+type Picture = (f64, f64);
 
-impl Picture {
-    /// Returns a picture with this time stamp and delay (s), but not before the picture of the last inference frame.
-    fn after(last: Option<&Self>, time_s: f64, delay_s: f64) -> Self {
-        let least_s = last.map_or(f64::NEG_INFINITY, |last| {
-            let apart_s = LEAST_SHARE * (time_s - last.time_s).max(0.0);
-            last.time_s + last.delay_s + apart_s - time_s
-        });
-        Self { time_s, delay_s: delay_s.max(least_s) }
-    }
+/// Returns a picture with this time stamp and delay (s), but not before the picture of the last inference frame.
+fn after(last: Option<&Picture>, time_s: f64, delay_s: f64) -> Picture {
+    let least_s = last.map_or(f64::NEG_INFINITY, |(last_s, last_delay_s)| {
+        last_s + last_delay_s + LEAST_SHARE * (time_s - last_s).max(0.0) - time_s
+    });
+    (time_s, delay_s.max(least_s))
 }
 
 /// The clock of a clip: when its pictures were taken, as far as vehicles show it.
@@ -46,30 +37,16 @@ impl Picture {
 pub struct Clock {
     /// Pictures of the inference frames, in the order of time. Empty if all time stamps are right.
     pictures: Vec<Picture>,
-    /// Sd of the delays, s.
-    sd_s: f64,
+    /// Sd of the delays, s; zero if the time stamps are right.
+    pub sd_s: f64,
 }
 
 impl Clock {
-    /// Returns the sd of the delays, s; zero if the time stamps are right.
-    #[must_use]
-    pub fn sd_s(&self) -> f64 {
-        self.sd_s
-    }
-
     /// Returns the time from a time stamp (s) to the moment at which the picture was taken, s. Between inference
     /// frames, it is interpolated.
     #[must_use]
     pub fn delay_s(&self, time_s: f64) -> f64 {
-        let next = self.pictures.partition_point(|picture| picture.time_s < time_s);
-        match (next.checked_sub(1).map(|last| self.pictures[last]), self.pictures.get(next)) {
-            (Some(from), Some(to)) => {
-                from.delay_s
-                    + (to.delay_s - from.delay_s) * (time_s - from.time_s) / (to.time_s - from.time_s)
-            }
-            (Some(one), None) | (None, Some(&one)) => one.delay_s,
-            (None, None) => 0.0,
-        }
+        interpolated(&self.pictures, time_s)
     }
 }
 
@@ -135,7 +112,7 @@ impl ClockReader {
         let found = self.variance.sd_s().map(|sd_s| delays.estimate(sd_s));
         for (i, time_s) in times_s.into_iter().enumerate() {
             let delay_s = found.as_ref().map_or(0.0, |delays| delays[i]);
-            self.pictures.push(Picture::after(self.pictures.last(), time_s, delay_s));
+            self.pictures.push(after(self.pictures.last(), time_s, delay_s));
         }
     }
 
@@ -195,7 +172,7 @@ mod tests {
         };
         let before = rms(&delay_s);
         let after = rms(&|frame| found.delay_s(frame as f64 * INTERVAL_S) - delay_s(frame));
-        assert!((found.sd_s() / before - 1.0).abs() < 0.4, "{} {before}", found.sd_s());
+        assert!((found.sd_s / before - 1.0).abs() < 0.4, "{} {before}", found.sd_s);
         assert!(after < 0.55 * before, "{after} {before}");
     }
 
@@ -228,7 +205,7 @@ mod tests {
     fn pictures_keep_their_order_and_delays_are_interpolated() {
         let mut clock = Clock { pictures: Vec::new(), sd_s: 0.1 };
         for (time_s, delay_s) in [(0.0, 0.1), (1.0, -2.0), (2.0, -0.2)] {
-            clock.pictures.push(Picture::after(clock.pictures.last(), time_s, delay_s));
+            clock.pictures.push(after(clock.pictures.last(), time_s, delay_s));
         }
         let delays = [-1.0, 0.0, 0.5, 1.0, 2.0, 3.0].map(|time_s| clock.delay_s(time_s));
         for (found, expected) in delays.into_iter().zip([0.1, 0.1, -0.3, -0.7, -0.2, -0.2]) {

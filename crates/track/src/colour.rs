@@ -27,12 +27,8 @@ impl Colour {
 
     /// Returns the mean colour of detections; `None` where none of them has one.
     pub(crate) fn mean<'a>(all: impl Iterator<Item = &'a Sighting>) -> Option<Self> {
-        let (mut sum, mut count) = (Vector3::zeros(), 0.0);
-        for Self(colour) in all.filter_map(Self::of) {
-            sum += colour;
-            count += 1.0;
-        }
-        (count > 0.0).then(|| Self(sum / count))
+        let all: Vec<Vector3<f64>> = all.filter_map(Self::of).map(|Self(colour)| colour).collect();
+        (!all.is_empty()).then(|| Self(all.iter().sum::<Vector3<f64>>() / all.len() as f64))
     }
 
     /// Follows the colour of a vehicle that is detected again after `gap_s`. It changes as fast as motion does.

@@ -2,57 +2,21 @@
 
 use std::collections::BTreeSet;
 
-use nalgebra::{Vector2, Vector3};
-use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass};
-use roadplane_measure::{Body, GroundContact, Knowledge, body_of};
+use roadplane_base::FrameStamp;
 
 use crate::{
-    Detection, Evidence, Join, Track, TrackOptions, TrackState, TrackStep,
+    Evidence, Join, Scene, Track, TrackOptions, TrackState, TrackStep,
     box_motion::COAST_S,
     duplicates::{merge_duplicates, merge_smoothed},
     frames::{BoxesByFrame, Frames},
     link::link,
     measurement::Sighting,
     parts::parts,
+    path::smooth_track,
     placed_boxes::add_boxes,
     raw_track::{FEWEST, Link, RawTrack},
-    smooth::smooth_track,
     smooth_boxes::smooth_by_boxes,
 };
-
-/// Knowledge of the scene, beyond the detections. It converts between boxes and poses.
-pub trait Scene {
-    /// Returns the body of vehicles of a class, for cars with this shape. By default, it is the mean body of the class.
-    fn body(&self, class: VehicleClass, _shape: &Shape) -> Body {
-        body_of(class)
-    }
-
-    /// Returns length, width and height of the site's mean car, m.
-    fn mean_car(&self) -> Vector3<f64> {
-        body_of(VehicleClass::Car).dims_m
-    }
-
-    /// Returns the box in which such a vehicle would be visible, px; `None` where it is not in front of the camera.
-    fn body_px(
-        &self,
-        _stamp: &FrameStamp,
-        _pose: &GroundPose,
-        _class: VehicleClass,
-        _dims_m: &Vector3<f64>,
-    ) -> Option<[f64; 4]> {
-        None
-    }
-
-    /// Returns pose and size of the vehicle in a box of this frame; `None` where the box does not place it.
-    fn place(&self, stamp: &FrameStamp, seen: &Detection, known: &Knowledge) -> Option<GroundContact>;
-}
-
-/// A scene without a camera: boxes give no poses.
-impl Scene for () {
-    fn place(&self, _: &FrameStamp, _: &Detection, _: &Knowledge) -> Option<GroundContact> {
-        None
-    }
-}
 
 /// The result of a tracker.
 #[derive(Clone, Debug, Default)]
@@ -80,7 +44,7 @@ pub(crate) fn complete(
     }
     let linked = completion.linked(tracklets);
     let kept = completion.vehicles(linked);
-    let is_part = parts(&kept.iter().map(|one| &one.raw).collect::<Vec<&RawTrack>>(), frames);
+    let is_part = parts(&kept.iter().map(|(raw, ..)| raw).collect::<Vec<&RawTrack>>(), frames);
     let kept = kept.into_iter().zip(is_part).filter_map(|(one, is_part)| (!is_part).then_some(one));
     let mut tracks: Vec<Track> = kept.map(|one| completion.finished(one)).collect();
     tracks.retain(|track| !track.states.is_empty());
@@ -95,23 +59,13 @@ pub(crate) fn complete(
     Tracks { tracks, left_out: completion.left_out }
 }
 
-/// A smoothed track that is probably a vehicle.
-struct Kept {
-    /// Track before smoothing.
-    raw: RawTrack,
-    /// Smoothed states, one for each frame.
-    states: Vec<TrackState>,
-    /// All that shows whether it is a vehicle.
-    evidence: Evidence,
-}
+/// A track that is probably a vehicle, its smoothed states, and the evidence for it.
+type Kept = (RawTrack, Vec<TrackState>, Evidence);
 
 /// The steps that turn tracklets into tracks.
 struct Completion<'a, S> {
-    /// All frames.
     frames: &'a Frames,
-    /// Settings of the tracker.
     options: &'a TrackOptions,
-    /// Knowledge of the scene.
     scene: &'a S,
     /// Least number of detections of a track.
     least: usize,
@@ -125,12 +79,17 @@ impl<S: Scene> Completion<'_, S> {
         if !self.options.takes(TrackStep::Merge) {
             return tracklets;
         }
-        self.merged_smoothed(merge_duplicates(tracklets)).into_iter().map(|(raw, _)| raw).collect()
+        self.smoothed(merge_duplicates(tracklets)).into_iter().map(|(raw, _)| raw).collect()
     }
 
-    /// Merges tracks of one vehicle by their smoothed poses. Returns them with their states.
-    fn merged_smoothed(&self, tracks: Vec<RawTrack>) -> Vec<(RawTrack, Vec<TrackState>)> {
-        merge_smoothed(tracks, |track| smooth_track(track, self.frames))
+    /// Smooths tracks, and merges those of one vehicle by their smoothed poses. Returns them with their states.
+    fn smoothed(&self, tracks: Vec<RawTrack>) -> Vec<(RawTrack, Vec<TrackState>)> {
+        let smooth = |track: &RawTrack| smooth_track(track, self.frames);
+        if self.options.takes(TrackStep::Merge) {
+            return merge_smoothed(tracks, smooth);
+        }
+        let states: Vec<Vec<TrackState>> = tracks.iter().map(smooth).collect();
+        tracks.into_iter().zip(states).collect()
     }
 
     /// Links tracklets over gaps.
@@ -139,20 +98,17 @@ impl<S: Scene> Completion<'_, S> {
             return tracklets;
         }
         let log_odds = |raw: &RawTrack| {
-            if !raw.is_boxed {
-                return None;
-            }
-            Some(self.evidence(raw, |seen| Some(seen.pose.xy()))?.log_odds())
+            let evidence = self.evidence(raw, &[]).filter(|_| raw.is_boxed);
+            evidence.map(|evidence| evidence.log_odds())
         };
         link(tracklets, self.options.takes(TrackStep::Cut), log_odds)
     }
 
-    /// Collects what shows whether a track is a vehicle; `None` without a detection. `at` returns its position at a
-    /// detection, m.
-    fn evidence(&self, raw: &RawTrack, at: impl Fn(&Sighting) -> Option<Vector2<f64>>) -> Option<Evidence> {
+    /// Collects the evidence whether a track with these smoothed states is a vehicle; `None` without a detection.
+    fn evidence(&self, raw: &RawTrack, states: &[TrackState]) -> Option<Evidence> {
         let (class, shape) = (raw.class(), raw.shape.fused().mean);
         let dims_m = raw.dims_m().unwrap_or_else(|| self.scene.body(class, &shape).dims_m);
-        Evidence::of(&raw.observations, at, class, dims_m.z - self.scene.mean_car().z)
+        Evidence::of(&raw.observations, states, class, dims_m.z - self.scene.mean_car().z)
     }
 
     /// Smooths tracks, and returns those that are probably vehicles. The others are listed as left out. Tracks without
@@ -162,30 +118,14 @@ impl<S: Scene> Completion<'_, S> {
             let is_certain = !raw.is_boxed || raw.certain >= FEWEST;
             raw.observations.len() + raw.seen_again >= self.least && is_certain
         });
-        let smoothed = if self.options.takes(TrackStep::Merge) {
-            self.merged_smoothed(tracks)
-        } else {
-            let with_states = |raw: RawTrack| {
-                let states = smooth_track(&raw, self.frames);
-                (raw, states)
-            };
-            tracks.into_iter().map(with_states).collect()
-        };
         let mut vehicles = Vec::new();
-        for (raw, states) in smoothed {
-            let Some((first, state)) = raw.observations.first().zip(states.first()) else { continue };
-            let (first, stamp) = (first.frame, state.stamp);
-            let at = |seen: &Sighting| {
-                states.get(seen.frame - first).map(|state| Vector2::new(state.pose.x_m, state.pose.y_m))
-            };
-            let Some(evidence) = self.evidence(&raw, at) else { continue };
-            let evidence = evidence.with_states(&states);
-            if !self.options.takes(TrackStep::Existence)
-                || evidence.probability() >= self.options.min_exists_p
-            {
-                vehicles.push(Kept { raw, states, evidence });
+        for (raw, states) in self.smoothed(tracks) {
+            let Some((first, evidence)) = states.first().zip(self.evidence(&raw, &states)) else { continue };
+            let is_probable = evidence.probability() >= self.options.min_exists_p;
+            if is_probable || !self.options.takes(TrackStep::Existence) {
+                vehicles.push((raw, states, evidence));
             } else {
-                self.left_out.push(stamp);
+                self.left_out.push(first.stamp);
             }
         }
         vehicles
@@ -204,7 +144,7 @@ impl<S: Scene> Completion<'_, S> {
     }
 
     /// Returns the finished track. Where only boxes show the vehicle, they give its path and its size together.
-    fn finished(&self, Kept { raw, states, evidence }: Kept) -> Track {
+    fn finished(&self, (raw, states, evidence): Kept) -> Track {
         let (class, dims_m, shape) = (raw.class(), raw.dims_m(), raw.shape.fused());
         let joins = self.joins(&raw);
         let track = Track { id: 0, class, dims_m, dims_covariance: None, states, shape, evidence, joins };

@@ -45,7 +45,7 @@ pub(crate) struct End {
     /// Time of the beginning or end, s.
     pub time_s: f64,
     /// Position and velocity (x, y, vx, vy) on the ground, m and m/s.
-    state: Vector4<f64>,
+    pub state: Vector4<f64>,
     /// Covariance of `state`, m and m/s.
     covariance: Matrix4<f64>,
     /// Heading modulo π, rad.
@@ -100,11 +100,6 @@ impl End {
         }
     }
 
-    /// Returns the position (x, y), m.
-    pub fn place(&self) -> Vector2<f64> {
-        self.state.fixed_rows::<2>(0).into_owned()
-    }
-
     /// Returns the velocity (vx, vy), m/s.
     fn velocity(&self) -> Vector2<f64> {
         self.state.fixed_rows::<2>(2).into_owned()
@@ -113,11 +108,6 @@ impl End {
     /// Returns the covariance of the position, m².
     pub fn place_covariance(&self) -> Matrix2<f64> {
         self.covariance.fixed_view::<2, 2>(0, 0).into_owned()
-    }
-
-    /// Returns the covariance of the velocity, (m/s)².
-    fn velocity_covariance(&self) -> Matrix2<f64> {
-        self.covariance.fixed_view::<2, 2>(2, 2).into_owned()
     }
 }
 
@@ -151,18 +141,19 @@ pub(crate) fn density(x: &Vector2<f64>, covariance: &Matrix2<f64>) -> f64 {
 /// Returns the log likelihood ratio of one vehicle against two, for a gap in s. Other vehicles appear at the rate
 /// `arrivals` where the gap ends, per m² and s.
 pub(crate) fn gain(end: &End, start: &End, gap_s: f64, arrivals: f64) -> f64 {
-    let way = start.place() - end.place();
+    let moved = start.state.xy() - end.state.xy();
     let places = end.place_covariance() + start.place_covariance();
     // Each mode has its mean time of staying undetected. In this time, the other vehicles appear.
     let mode = |mean_s: f64, density: f64| (-gap_s / mean_s).exp() * density / (APPEARS + arrivals * mean_s);
     let rested = places + Matrix2::identity() * STILL_M.powi(2);
-    let stood = mode(STANDS_S, end.stands * density(&way, &rested) * start.standing);
+    let stood = mode(STANDS_S, end.stands * density(&moved, &rested) * start.standing);
     let drove = mode(DRIVES_S, drive_density(end, start, gap_s));
-    let crept = mode(STANDS_S, creep_density(end, start, &way, &places, gap_s));
+    let crept = mode(STANDS_S, creep_density(end, start, &moved, &places, gap_s));
     let same = (stood + drove + crept) / 3.0;
     let new = mixed(start.standing, start.driving);
+    let sizes = -0.5 * ((start.log_size - end.log_size) / SIZE_SD).powi(2);
     let colours = end.colour.zip(start.colour).map_or(0.0, |(before, after)| before.same_vehicle(after));
-    (same.max(1e-300) / new.max(1e-300)).ln() + class_gain(end, start) + size_gain(end, start) + colours
+    (same.max(1e-300) / new.max(1e-300)).ln() + class_gain(end, start) + sizes + colours
 }
 
 /// Returns the density of position and velocity after a gap (s) in which the vehicle drove on.
@@ -176,25 +167,23 @@ fn drive_density(end: &End, start: &End, gap_s: f64) -> f64 {
 
 /// Returns the density of position and velocity after a gap (s) of stop and go behind an object. The vehicle covers any
 /// distance that creeping allows, along the line of its axis.
-fn creep_density(end: &End, start: &End, way: &Vector2<f64>, places: &Matrix2<f64>, gap_s: f64) -> f64 {
+fn creep_density(end: &End, start: &End, moved: &Vector2<f64>, places: &Matrix2<f64>, gap_s: f64) -> f64 {
     let slow = (-0.5 * (end.velocity().norm() / CREEP_MPS).powi(2)).exp();
     let axis = end.axis + fold_axis(start.axis - end.axis) / 2.0;
     let (sin, cos) = axis.sin_cos();
     let (ahead, aside) = (Vector2::new(cos, sin), Vector2::new(-sin, cos));
     // The axis may point backwards. The motion before and after shows the true direction.
     let sign = (end.velocity() + start.velocity()).dot(&ahead);
-    let along = way.dot(&ahead) * if sign < 0.0 { -1.0 } else { 1.0 };
+    let along = moved.dot(&ahead) * if sign < 0.0 { -1.0 } else { 1.0 };
     let sd = |direction: &Vector2<f64>| direction.dot(&(places * direction)).max(0.0);
     let reach = CREEP_MPS * gap_s;
     let beyond = if along < 0.0 { along } else { (along - reach).max(0.0) };
     let outside = (-0.5 * beyond * beyond / (sd(&ahead) + STILL_M.powi(2))).exp();
-    let off = way.dot(&aside);
+    let off = moved.dot(&aside);
     let variance = sd(&aside) + STILL_M.powi(2);
     let on_line = (-0.5 * off * off / variance).exp() / (2.0 * PI * variance).sqrt();
-    let after = density(
-        &start.velocity(),
-        &(start.velocity_covariance() + Matrix2::identity() * (CREEP_MPS / 2.0).powi(2)),
-    );
+    let speeds = start.covariance.fixed_view::<2, 2>(2, 2) + Matrix2::identity() * (CREEP_MPS / 2.0).powi(2);
+    let after = density(&start.velocity(), &speeds);
     slow * outside * on_line / (reach + 1.0) * after
 }
 
@@ -207,9 +196,4 @@ fn class_gain(end: &End, start: &End) -> f64 {
     let shares = |votes: &Votes| (votes + PRIOR_VOTES) / (votes + PRIOR_VOTES).sum();
     let same = shares(&end.votes).dot(&shares(&start.votes));
     same.ln()
-}
-
-/// Returns the log likelihood ratio of the sizes, at most 0.
-fn size_gain(end: &End, start: &End) -> f64 {
-    -0.5 * ((start.log_size - end.log_size) / SIZE_SD).powi(2)
 }

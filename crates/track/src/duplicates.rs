@@ -126,14 +126,9 @@ fn fill(strong: &mut RawTrack, weak: RawTrack) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{CarMeasurement, Detection, shape::ShapeSum};
-    use nalgebra::{Matrix3, Vector2};
+    use crate::Detection;
+    use nalgebra::Matrix3;
     use roadplane_base::{FrameStamp, GroundPose, VehicleClass};
-
-    /// Returns a pose on the ground.
-    fn place(x_m: f64) -> GroundPose {
-        GroundPose { x_m, y_m: 30.0, heading_rad: 0.0 }
-    }
 
     /// Returns the track of a stationary car that is detected in these frames, ten per second.
     fn parked(x_m: f64, frames: impl Iterator<Item = usize>) -> RawTrack {
@@ -146,11 +141,7 @@ mod tests {
             from_box: false,
             fit_rms_share: None,
         };
-        let all: Vec<Sighting> = frames.map(seen).collect();
-        let car = CarMeasurement::by_box(place(x_m), Matrix3::identity(), all[0].detection);
-        let mut track = RawTrack::new(&car, all[0].clone(), ShapeSum::new(Vector2::new(x_m, 30.0), 0.0));
-        track.insert(&all[1..]);
-        track
+        RawTrack { observations: frames.map(seen).collect(), ..RawTrack::default() }
     }
 
     /// Returns a state for each frame from the first detection to the last, at the position of the first.
@@ -158,8 +149,7 @@ mod tests {
         let (first, last) = (&track.observations[0], &track.observations[track.observations.len() - 1]);
         let state = |frame: usize| TrackState {
             stamp: FrameStamp { index: frame as u64, pts_nanos: 0 },
-            observed: false,
-            pose: place(first.pose.x),
+            pose: GroundPose { x_m: first.pose.x, y_m: 30.0, heading_rad: 0.0 },
             pose_sd: Vector3::zeros(),
             speed_mps: 0.0,
             speed_sd_mps: 0.0,

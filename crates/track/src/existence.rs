@@ -43,11 +43,11 @@ pub struct Evidence {
 }
 
 impl Evidence {
-    /// Collects the evidence of a track. `at` returns its position at a detection, m; `above_car_m` is its height above
-    /// that of the site's mean car. `None` without a detection.
+    /// Collects the evidence of a track. `states` are its smoothed states, one per frame from the first detection on, or
+    /// empty; `above_car_m` is its height above that of the site's mean car. `None` without a detection.
     pub(crate) fn of(
         sightings: &[Sighting],
-        at: impl Fn(&Sighting) -> Option<Vector2<f64>>,
+        states: &[TrackState],
         class: VehicleClass,
         above_car_m: f64,
     ) -> Option<Self> {
@@ -58,27 +58,18 @@ impl Evidence {
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
         let odds: Vec<f64> = measured.iter().map(|o| log_odds(o.detection.score)).collect();
         let log_rms: Vec<f64> = measured.iter().filter_map(|o| Some(o.misfit()?.ln())).collect();
+        // Nets take walking people for motorcycles, but their speed differs.
+        let fastest = (states.iter().filter(|_| class == VehicleClass::Motorcycle))
+            .max_by(|a, b| a.speed_mps.abs().total_cmp(&b.speed_mps.abs()));
         Some(Self {
             class,
             score: mean(&odds),
-            moved: moved(sightings, at),
+            moved: moved(sightings, states),
             fitted: log_rms.len() as f64 / measured.len() as f64,
             log_rms: mean(&log_rms),
             above_car_m,
-            rides_p: 1.0,
-        })
-    }
-
-    /// Adds the evidence of the smoothed states. Nets take walking people for motorcycles, but their speed differs.
-    pub(crate) fn with_states(self, states: &[TrackState]) -> Self {
-        if self.class != VehicleClass::Motorcycle {
-            return self;
-        }
-        let fastest = states.iter().max_by(|a, b| a.speed_mps.abs().total_cmp(&b.speed_mps.abs()));
-        Self {
             rides_p: fastest.map_or(1.0, |state| rides_p(state.speed_mps.abs(), state.speed_sd_mps)),
-            ..self
-        }
+        })
     }
 
     /// Returns the features of the model.
@@ -131,12 +122,16 @@ fn log_odds(score: f64) -> f64 {
 }
 
 /// Returns how far a track moves within a time in which it is observed. Clutter never leaves its box.
-fn moved(sightings: &[Sighting], at: impl Fn(&Sighting) -> Option<Vector2<f64>>) -> f64 {
+fn moved(sightings: &[Sighting], states: &[TrackState]) -> f64 {
     let near = |a: &Sighting, b: &Sighting| b.time_s - a.time_s <= MOTION_S;
+    let at = |seen: &Sighting| {
+        let state = states.get(seen.frame - sightings[0].frame);
+        state.map_or(seen.pose.xy(), |state| Vector2::new(state.pose.x_m, state.pose.y_m))
+    };
     let of_part = |part: &[Sighting]| {
         let (from, to) = part.first().zip(part.last())?;
-        let way = at(to)? - at(from)?;
-        Some(way.norm() / MOVED_M * (1.0 - bbox_iou(&from.detection.bbox_px, &to.detection.bbox_px)))
+        let moved = at(to) - at(from);
+        Some(moved.norm() / MOVED_M * (1.0 - bbox_iou(&from.detection.bbox_px, &to.detection.bbox_px)))
     };
     sightings.chunk_by(near).filter_map(of_part).fold(0.0, f64::max)
 }

@@ -70,14 +70,6 @@ impl Expected {
         self.motion.unseen_s(time_s) > coast_s
     }
 
-    /// Returns the expected box, px; `None` if the last detection is too long ago.
-    pub(crate) fn box_px(&self, time_s: f64) -> Option<[f64; 4]> {
-        if self.filter.is_still() {
-            return Some(self.rest_px);
-        }
-        (self.motion.unseen_s(time_s) <= COAST_S).then(|| self.motion.at(time_s))
-    }
-
     /// Returns the cost of a detection: 0 for a perfect match, 1 and more for none. Pose, overlap and colour cost up to
     /// 0.5 each.
     pub(crate) fn cost(&self, sighting: &Sighting) -> f64 {
@@ -89,12 +81,14 @@ impl Expected {
     fn cost_of_place(&self, sighting: &Sighting) -> f64 {
         let distance = self.filter.distance(&sighting.pose, &sighting.covariance, sighting.time_s);
         let near = (distance / GATE).min(1.0);
-        // A vehicle that was undetected for long has no expected box, so nothing overlaps it.
-        let Some(expected) = self.box_px(sighting.time_s) else {
+        let is_still = self.filter.is_still();
+        // A driving vehicle that was undetected for long has no expected box, so nothing overlaps it.
+        if !is_still && self.is_lost(sighting.time_s) {
             return if distance < GATE { 0.5 * near + 0.5 } else { f64::INFINITY };
-        };
+        }
+        let expected = if is_still { self.rest_px } else { self.motion.at(sighting.time_s) };
         let seen_px = &sighting.detection.bbox_px;
-        let (is_still, plain) = (self.filter.is_still(), bbox_iou(&expected, seen_px));
+        let plain = bbox_iou(&expected, seen_px);
         let overlap = if is_still {
             // Less of a vehicle is visible while something hides it.
             bbox_iou(&bbox_part_seen(&expected, seen_px, sighting.detection.goes_on()), seen_px)

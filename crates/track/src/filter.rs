@@ -1,4 +1,4 @@
-//! The filter that follows a car while frames arrive. The final states are smoothed afterwards (`smooth.rs`).
+//! The filter that follows a car while frames arrive. The final states are smoothed afterwards (`path.rs`).
 //!
 //! Position and velocity follow a constant-velocity model with white acceleration. The heading is estimated separately,
 //! modulo π. A measurement that confuses front and back therefore neither ends nor turns a track.

@@ -34,7 +34,7 @@ impl Frames {
     /// its index, its time since the first time stamp (s), and whether it counts as a look.
     pub(crate) fn push(&mut self, stamp: FrameStamp, delay_s: f64, looked: bool) -> (usize, f64, bool) {
         self.stamps.push(stamp);
-        let stamped_s = self.since_first_s(stamp);
+        let stamped_s = stamp.pts_nanos.saturating_sub(self.stamps[0].pts_nanos) as f64 * 1e-9;
         self.times_s.push(stamped_s + delay_s);
         self.looked.push(looked);
         let is_look = looked && self.last_look_s.is_none_or(|last_s| stamped_s - last_s >= APART_S);
@@ -42,11 +42,6 @@ impl Frames {
             (self.looks, self.last_look_s) = (self.looks + 1, Some(stamped_s));
         }
         (self.stamps.len() - 1, stamped_s + delay_s, is_look)
-    }
-
-    /// Returns the time from the first time stamp to this one, s.
-    fn since_first_s(&self, stamp: FrameStamp) -> f64 {
-        stamp.pts_nanos.saturating_sub(self.stamps[0].pts_nanos) as f64 * 1e-9
     }
 }
 

@@ -50,20 +50,3 @@ pub(crate) fn features(log_odds: f64, gap_s: f64) -> [f64; JOIN_FEATURES] {
 pub(crate) fn probability(features: [f64; JOIN_FEATURES]) -> f64 {
     sigmoid(SVector::from(features).dot(&NUMBERS.same_vehicle))
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// Returns a join over a gap of this length.
-    fn join(log_odds: f64, gap_s: f64) -> Join {
-        let stamp = |time_s: f64| FrameStamp { index: 0, pts_nanos: (time_s * 1e9) as i64 };
-        Join { from: stamp(2.0), to: stamp(2.0 + gap_s), log_odds }
-    }
-
-    #[test]
-    fn better_odds_make_a_join_more_probable() {
-        let p = |log_odds: f64| join(log_odds, 2.0).same_vehicle_p();
-        assert!(p(10.0) > p(3.0) && p(3.0) > p(0.5) && p(10.0) > 0.9, "{} {} {}", p(10.0), p(3.0), p(0.5));
-    }
-}

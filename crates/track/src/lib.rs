@@ -15,11 +15,11 @@
 //!   → link              all continuations, and which boxes belong to none     (continuation.rs, link.rs, join.rs,
 //!                                                                              parts.rs)
 //!   → find_runs         stationary intervals and driving intervals            (stops.rs)
-//!   → smooth_track      heading disambiguation: which end is the front; one   (way.rs, start.rs, parked.rs,
+//!   → smooth_track      heading disambiguation: which end is the front; one   (path.rs, start.rs, parked.rs,
 //!                       pose per stationary interval, else a vehicle model     vehicle.rs, chain.rs, descent.rs)
 //!   → Evidence          is the track a vehicle?                               (existence.rs)
 //!   → smooth_by_boxes   path and size together, where only boxes show them    (smooth_boxes.rs, by_boxes.rs)
-//!   → add_detections    boxes in frames in which nothing measures the pose    (seen_again.rs)
+//!   → add_detections    boxes in frames in which nothing measures the pose    (tracker.rs)
 //!   → Track                                                                   (complete.rs)
 //! ```
 //!
@@ -55,28 +55,27 @@ mod numbers;
 mod options;
 mod parked;
 mod parts;
+mod path;
+mod path_parts;
 mod picture_chains;
 mod placed_boxes;
 mod raw_track;
-mod seen_again;
+mod scene;
 mod shape;
-mod smooth;
 mod smooth_boxes;
 mod start;
-mod steps;
 mod stops;
 mod tracker;
 mod vehicle;
-mod way;
 
 pub use clock::{Clock, ClockReader};
-pub use complete::{Scene, Tracks};
+pub use complete::Tracks;
 pub use existence::Evidence;
 pub use join::Join;
 pub use measurement::{
     CarMeasurement, Detection, FrameMeasurements, HeldCar, SeenAgain, ShapeBelief, Track, TrackState,
 };
 pub use numbers::{FEATURES, JOIN_FEATURES};
-pub use options::TrackOptions;
-pub use steps::TrackStep;
+pub use options::{TrackOptions, TrackStep};
+pub use scene::Scene;
 pub use tracker::Tracker;

@@ -18,6 +18,7 @@
 use std::collections::BTreeMap;
 
 use nalgebra::Matrix2;
+use pathfinding::undirected::connected_components::separate_components;
 use roadplane_base::{assign, bbox_iou};
 
 use crate::{
@@ -44,7 +45,7 @@ pub(crate) fn link(
     let starts: Vec<End> = tracklets.iter().map(|track| End::of(track, &track.observations, false)).collect();
     let ends: Vec<End> = tracklets.iter().map(|track| End::of(track, &track.observations, true)).collect();
     let exists_p: Vec<f64> = tracklets.iter().map(|track| log_odds(track).map_or(1.0, sigmoid)).collect();
-    let arrivals = Arrivals::new(&starts, &ends);
+    let arrivals = arrivals(&starts, &ends);
     // A tracklet that continues itself stays apart: probably, it is no vehicle.
     let clutter = |(i, p): (usize, &f64)| (*p < 1.0).then(|| (i, i, -p.max(1e-300).ln()));
     let mut gains: Vec<(usize, usize, f64)> = exists_p.iter().enumerate().filter_map(clutter).collect();
@@ -57,7 +58,7 @@ pub(crate) fn link(
             if gap_s <= 0.0 || gap_s > HIDDEN_S {
                 continue;
             }
-            let gain = gain(end, start, gap_s, arrivals.rate(&starts, i, j));
+            let gain = gain(end, start, gap_s, arrivals(i, j));
             if gain > 0.0 {
                 gains.push((i, j, gain));
             }
@@ -94,54 +95,35 @@ fn before_takeover<'a>(earlier: &'a RawTrack, later: &RawTrack) -> Option<&'a [S
     (!before.is_empty() && most_touch).then_some(before)
 }
 
-/// The driving vehicles that appear where tracklets begin.
-struct Arrivals {
-    /// Number of other vehicles per m² that appear where each tracklet begins.
-    near: Vec<f64>,
-    /// Duration of the clip, with one mean time of a stationary vehicle more, s. A short clip does not show how often
-    /// vehicles appear.
-    seconds: f64,
-}
-
-impl Arrivals {
-    /// Counts the vehicles.
-    fn new(starts: &[End], ends: &[End]) -> Self {
-        let first_s = starts.iter().map(|start| start.time_s).fold(f64::INFINITY, f64::min);
-        let last_s = ends.iter().map(|end| end.time_s).fold(f64::NEG_INFINITY, f64::max);
-        let near = |(j, at): (usize, &End)| {
-            let others = starts.iter().enumerate().filter(|(k, _)| *k != j);
-            others.map(|(_, other)| Self::near(other, at)).sum()
-        };
-        let near = starts.iter().enumerate().map(near).collect();
-        Self { near, seconds: (last_s - first_s).max(0.0) + STANDS_S }
-    }
-
-    /// Returns the density of a driving vehicle that appears where another tracklet begins, per m².
-    fn near(start: &End, at: &End) -> f64 {
+/// Returns the rate at which other driving vehicles than those of two tracklets appear where the second one begins, per
+/// m² and s. A short clip does not show how often vehicles appear, so its duration has one mean time of a stationary
+/// vehicle more.
+fn arrivals<'a>(starts: &'a [End], ends: &[End]) -> impl Fn(usize, usize) -> f64 + 'a {
+    let first_s = starts.iter().map(|start| start.time_s).fold(f64::INFINITY, f64::min);
+    let last_s = ends.iter().map(|end| end.time_s).fold(f64::NEG_INFINITY, f64::max);
+    let seconds = (last_s - first_s).max(0.0) + STANDS_S;
+    // The density of the vehicle of one tracklet where another one begins.
+    let near = |start: &End, at: &End| {
         let spread =
             start.place_covariance() + at.place_covariance() + Matrix2::identity() * HALF_LANE_M.powi(2);
-        (1.0 - start.stands) * density(&(start.place() - at.place()), &spread)
-    }
-
-    /// Returns the rate at which other vehicles than those of tracklets `i` and `j` appear where `j` begins, per m² and
-    /// s.
-    fn rate(&self, starts: &[End], i: usize, j: usize) -> f64 {
-        (self.near[j] - Self::near(&starts[i], &starts[j])).max(0.0) / self.seconds
-    }
+        (1.0 - start.stands) * density(&(start.state.xy() - at.state.xy()), &spread)
+    };
+    let all = |(j, at): (usize, &End)| {
+        let others = starts.iter().enumerate().filter(|(k, _)| *k != j);
+        others.map(|(_, other)| near(other, at)).sum()
+    };
+    let all: Vec<f64> = starts.iter().enumerate().map(all).collect();
+    move |i, j| (all[j] - near(&starts[i], &starts[j])).max(0.0) / seconds
 }
 
 /// Returns, for each tracklet, the one that continues it, with the log odds of the join. `gains` holds (earlier, later,
 /// gain).
 fn choose(count: usize, gains: &[(usize, usize, f64)]) -> Vec<Option<(usize, f64)>> {
-    // Nodes 0 … count − 1 are the ends, and the beginnings follow.
-    let mut groups: Vec<usize> = (0..2 * count).collect();
-    for &(i, j, _) in gains {
-        let (a, b) = (root(&mut groups, i), root(&mut groups, count + j));
-        groups[a.max(b)] = a.min(b);
-    }
+    // Nodes 0 … count − 1 are the ends, and the beginnings follow. Each connected group is assigned alone.
+    let nodes: Vec<Vec<usize>> = gains.iter().map(|&(i, j, _)| vec![i, count + j]).collect();
     let mut of_group: BTreeMap<usize, Vec<(usize, usize, f64)>> = BTreeMap::new();
-    for &(i, j, gain) in gains {
-        of_group.entry(root(&mut groups, i)).or_default().push((i, j, gain));
+    for (gain, group) in gains.iter().zip(separate_components(&nodes).1) {
+        of_group.entry(group).or_default().push(*gain);
     }
     let mut next = vec![None; count];
     for pairs in of_group.values() {
@@ -175,15 +157,6 @@ fn log_odds(earlier: usize, later: usize, pairs: &[(usize, usize, f64)]) -> f64 
     }
     let most = others.iter().copied().fold(0.0, f64::max);
     own - most - others.iter().map(|gain| (gain - most).exp()).sum::<f64>().ln()
-}
-
-/// Returns the representative of a node's group (union-find), and shortens the path to it.
-fn root(groups: &mut [usize], mut of: usize) -> usize {
-    while groups[of] != of {
-        groups[of] = groups[groups[of]];
-        of = groups[of];
-    }
-    of
 }
 
 /// Joins each chain of continuations into one track.

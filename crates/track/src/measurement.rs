@@ -26,13 +26,6 @@ impl Default for ShapeBelief {
     }
 }
 
-impl ShapeBelief {
-    /// Returns all numbers of the estimate.
-    fn numbers(&self) -> impl Iterator<Item = &f64> {
-        self.mean.iter().chain(self.information.iter())
-    }
-}
-
 /// A box of the detector, at any score.
 #[derive(Clone, Copy, Debug)]
 pub struct Detection {
@@ -129,21 +122,13 @@ impl CarMeasurement {
         Vector3::new(self.pose.x_m, self.pose.y_m, self.pose.heading_rad)
     }
 
-    /// Whether it is classed as a car but has no car's keypoints. No track starts with such a measurement.
-    pub(crate) fn lacks_keypoints(&self) -> bool {
-        self.from_box && self.detection.class == VehicleClass::Car
-    }
-
     /// Whether all numbers are finite, the box has an area and the covariance is positive definite.
     pub(crate) fn is_usable(&self) -> bool {
         let [x0, y0, x1, y1] = self.detection.bbox_px;
-        let numbers = self.pose_vector();
-        let finite = numbers
-            .iter()
-            .chain(self.covariance.iter())
-            .chain(self.detection.bbox_px.iter())
-            .chain(self.shape_before.numbers())
-            .chain(self.shape.numbers());
+        let pose = self.pose_vector();
+        let shapes = [&self.shape_before, &self.shape].into_iter();
+        let finite = (pose.iter().chain(self.covariance.iter()).chain(self.detection.bbox_px.iter()))
+            .chain(shapes.flat_map(|shape| shape.mean.iter().chain(shape.information.iter())));
         finite.copied().all(f64::is_finite)
             && self.detection.score.is_finite()
             && x1 > x0
@@ -269,13 +254,20 @@ pub struct Track {
     pub joins: Vec<Join>,
 }
 
+impl Track {
+    /// Returns the states in which the vehicle was measured, each with its frame and index there.
+    pub fn measured(&self) -> impl Iterator<Item = (CarRef, &TrackState)> {
+        self.states
+            .iter()
+            .filter_map(|state| Some((CarRef { frame: state.stamp.index, car: state.car? }, state)))
+    }
+}
+
 /// The state of a track at one frame.
 #[derive(Clone, Debug)]
 pub struct TrackState {
     /// Index and time of the frame.
     pub stamp: FrameStamp,
-    /// Whether the vehicle was detected in this frame. Otherwise the state is filled in.
-    pub observed: bool,
     /// Smoothed pose on the ground.
     pub pose: GroundPose,
     /// Sd of x, y (m) and heading (rad).
@@ -284,7 +276,7 @@ pub struct TrackState {
     pub speed_mps: f64,
     /// Sd of the speed, m/s.
     pub speed_sd_mps: f64,
-    /// Box of the vehicle (left, top, right, bottom), px, where it was detected.
+    /// Box of the vehicle (left, top, right, bottom), px, where it was detected. Otherwise the state is filled in.
     pub bbox_px: Option<[f64; 4]>,
     /// Detector score, 0–1; 0 where the vehicle was not detected.
     pub score: f64,

@@ -39,6 +39,7 @@ mod tests {
     fn the_file_has_all_numbers() {
         let weights = NUMBERS.existence.iter().chain(&NUMBERS.same_vehicle);
         assert!(weights.clone().all(|weight| weight.is_finite() && *weight != 0.0));
+        assert!(NUMBERS.same_vehicle[1] > 0.0, "better odds make a join more probable");
         let [light_sd, tint_sd, ratio] = NUMBERS.colour;
         assert!(light_sd > 0.0 && tint_sd > 0.0 && ratio > 1.0);
     }

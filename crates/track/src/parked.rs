@@ -1,18 +1,18 @@
 //! Estimates the one pose of a stationary car: a robust, information-weighted mean of its detections.
 
 use nalgebra::{Matrix3, Vector3};
-use roadplane_base::{fold_axis, upper_median};
+use roadplane_base::upper_median;
 
 use crate::{
     descent::MAX_ROUNDS,
     measurement::Sighting,
     noise::{Noise, given_heading},
-    vehicle::SCATTER,
+    vehicle::{SCATTER, residual},
 };
 
 /// The pose of a car in a stationary interval.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Stand {
+pub(crate) struct ParkedPose {
     /// Position (m) and heading (rad, modulo π): x, y, heading.
     pub pose: Vector3<f64>,
     /// Covariance that white noise alone gives, m and rad.
@@ -23,7 +23,7 @@ pub(crate) struct Stand {
 
 /// Estimates the pose of a stationary interval; `None` without detections. Carried-over detections are copies
 /// of an earlier detection. They are used only if the interval has no real detection.
-pub(crate) fn stand(all: &[Sighting]) -> Option<Stand> {
+pub(crate) fn parked_pose(all: &[Sighting]) -> Option<ParkedPose> {
     let looks: Vec<Sighting> = all.iter().filter(|o| !o.detection.held).cloned().collect();
     let sightings = if looks.is_empty() { all.get(..1)? } else { &looks };
     let inverses: Vec<Matrix3<f64>> =
@@ -32,7 +32,7 @@ pub(crate) fn stand(all: &[Sighting]) -> Option<Stand> {
     let mut information = Matrix3::zeros();
     let off = |pose: &Vector3<f64>| -> (Vec<Vector3<f64>>, Vec<f64>) {
         let square = |(seen, inverse): (&Sighting, &Matrix3<f64>)| {
-            let d = residual(seen, pose);
+            let d = residual(&seen.pose, pose);
             (d, d.dot(&(inverse * d)))
         };
         sightings.iter().zip(&inverses).map(square).unzip()
@@ -64,9 +64,9 @@ pub(crate) fn stand(all: &[Sighting]) -> Option<Stand> {
     if 2 * sightings.iter().filter(|o| o.from_box).count() > sightings.len() {
         // A box shows the heading only once, however often it is detected. The drive that led to it may show it better.
         let place = given_heading(&typical);
-        return Some(Stand { pose, white: typical - place * (1.0 - white).max(0.0), bias: place });
+        return Some(ParkedPose { pose, white: typical - place * (1.0 - white).max(0.0), bias: place });
     }
-    Some(Stand { pose, white: typical * white, bias: typical * noise.bias(sightings) })
+    Some(ParkedPose { pose, white: typical * white, bias: typical * noise.bias(sightings) })
 }
 
 /// Returns the pose to start from: medians of the position, and the axis on which most detections agree (mean of
@@ -81,10 +81,4 @@ fn start(sightings: &[Sighting]) -> Option<Vector3<f64>> {
         (s + weight * sin, c + weight * cos)
     });
     Some(Vector3::new(median(0)?, median(1)?, sin.atan2(cos) / 2.0))
-}
-
-/// Returns the residual of a detection, m and rad. Its heading is compared modulo π.
-fn residual(sighting: &Sighting, pose: &Vector3<f64>) -> Vector3<f64> {
-    let d = sighting.pose - pose;
-    Vector3::new(d.x, d.y, fold_axis(d.z))
 }

@@ -34,15 +34,10 @@ pub(crate) struct Chain {
 }
 
 impl Chain {
-    /// Starts a chain with this box (px), at a time in s. The box itself is not added.
-    fn new(first_px: [f64; 4], tracklet: Option<usize>, time_s: f64) -> Self {
-        Self { boxes: Vec::new(), tracklet, motion: BoxMotion::new(first_px, time_s) }
-    }
-
     /// Whether the last box is so long ago that another object may be there: the vehicle has moved by half its size
     /// since, or [`MOTION_S`] has passed.
     fn is_lost(&self, time_s: f64) -> bool {
-        let (last_px, unseen_s) = (self.motion.last_px(), self.motion.unseen_s(time_s));
+        let (last_px, unseen_s) = (&self.motion.last_px, self.motion.unseen_s(time_s));
         let moved_px = (bbox_centre(&self.motion.at(time_s)) - bbox_centre(last_px)).norm();
         unseen_s > COAST_S && (unseen_s > MOTION_S || moved_px > STEP_SIZES * size_px(last_px))
     }
@@ -68,23 +63,17 @@ pub(crate) fn size_px([x0, y0, x1, y1]: &[f64; 4]) -> f64 {
     ((x1 - x0) * (y1 - y0)).sqrt()
 }
 
-/// A box of one frame that may continue a chain.
-#[derive(Clone, Copy)]
-enum Next<'a> {
-    /// A detection of the tracklet with this index.
-    Tracklet(usize),
-    /// A box that no tracklet has.
-    Free(&'a Detection),
-}
+/// A box of one frame that may continue a chain, with the index of its tracklet if it has one.
+type Next<'a> = (Option<usize>, &'a Detection);
 
 /// Chains boxes that follow each other in the picture, largest overlaps first. Returns the chains that have free boxes.
 ///
 /// `times_s` are the times of all frames. The next box of a chain overlaps the expected one by more than `least` (IoU).
 pub(crate) fn chains(free: &BoxesByFrame, tracklets: &[RawTrack], times_s: &[f64], least: f64) -> Vec<Chain> {
-    let mut owned: BTreeMap<usize, Vec<(usize, [f64; 4])>> = BTreeMap::new();
+    let mut owned: BTreeMap<usize, Vec<Next<'_>>> = BTreeMap::new();
     for (index, track) in tracklets.iter().enumerate() {
         for seen in &track.observations {
-            owned.entry(seen.frame).or_default().push((index, seen.detection.bbox_px));
+            owned.entry(seen.frame).or_default().push((Some(index), &seen.detection));
         }
     }
     let ends =
@@ -96,10 +85,8 @@ pub(crate) fn chains(free: &BoxesByFrame, tracklets: &[RawTrack], times_s: &[f64
             chain.is_lost(time_s) && chain.tracklet.is_none_or(|index| ends(index) < time_s)
         };
         done.extend(open.extract_if(.., has_ended));
-        let own = owned.get(&frame).map_or(&[][..], Vec::as_slice);
-        let boxes = free.get(&frame).into_iter().flatten().map(|seen| (Next::Free(seen), seen.bbox_px));
-        let all: Vec<(Next<'_>, [f64; 4])> =
-            own.iter().map(|(index, px)| (Next::Tracklet(*index), *px)).chain(boxes).collect();
+        let boxes = free.get(&frame).into_iter().flatten().map(|seen| (None, seen));
+        let all: Vec<Next<'_>> = owned.get(&frame).into_iter().flatten().copied().chain(boxes).collect();
         continue_chains(&mut open, &all, frame, time_s, least);
     }
     done.extend(open);
@@ -108,23 +95,17 @@ pub(crate) fn chains(free: &BoxesByFrame, tracklets: &[RawTrack], times_s: &[f64
 }
 
 /// Continues chains by the boxes of a frame, each by at most one, and starts chains with the others.
-fn continue_chains(
-    open: &mut Vec<Chain>,
-    all: &[(Next<'_>, [f64; 4])],
-    frame: usize,
-    time_s: f64,
-    least: f64,
-) {
+fn continue_chains(open: &mut Vec<Chain>, all: &[Next<'_>], frame: usize, time_s: f64, least: f64) {
     let mut pairs: Vec<(f64, usize, usize)> = Vec::new();
     for (c, chain) in open.iter().enumerate() {
         let expected_px = chain.motion.at(time_s);
-        for (b, (next, bbox_px)) in all.iter().enumerate() {
-            let overlap = match (chain.tracklet, next) {
+        for (b, (tracklet, seen)) in all.iter().enumerate() {
+            let overlap = match (chain.tracklet, tracklet) {
                 // The chain of a tracklet has the tracklet's boxes, and of no other.
-                (Some(own), Next::Tracklet(index)) => f64::from(u8::from(own == *index)),
+                (Some(own), Some(index)) => f64::from(u8::from(own == *index)),
                 // In a long gap of a tracklet, other vehicles pass.
-                (Some(_), Next::Free(_)) if chain.is_lost(time_s) => 0.0,
-                _ => bbox_iou(&expected_px, bbox_px),
+                (Some(_), None) if chain.is_lost(time_s) => 0.0,
+                _ => bbox_iou(&expected_px, &seen.bbox_px),
             };
             if overlap > least {
                 pairs.push((overlap, c, b));
@@ -134,34 +115,30 @@ fn continue_chains(
     pairs.sort_by(|a, b| b.0.total_cmp(&a.0).then((a.1, a.2).cmp(&(b.1, b.2))));
     let (mut went_on, mut used) = (BTreeSet::new(), BTreeSet::new());
     for (_, c, b) in pairs {
-        let (next, bbox_px) = all[b];
+        let (tracklet, seen) = all[b];
         let has_chain = |index: usize| {
             open[c].tracklet.is_none() && open.iter().any(|other| other.tracklet == Some(index))
         };
-        if went_on.contains(&c)
-            || used.contains(&b)
-            || matches!(next, Next::Tracklet(index) if has_chain(index))
-        {
+        if went_on.contains(&c) || used.contains(&b) || tracklet.is_some_and(has_chain) {
             continue;
         }
-        match next {
-            Next::Tracklet(index) => open[c].tracklet = Some(index),
-            Next::Free(seen) => open[c].boxes.push((frame, *seen)),
+        match tracklet {
+            Some(index) => open[c].tracklet = Some(index),
+            None => open[c].boxes.push((frame, *seen)),
         }
-        open[c].motion.see(bbox_px, time_s);
+        open[c].motion.see(seen.bbox_px, time_s);
         went_on.insert(c);
         used.insert(b);
     }
-    let own: Vec<&[f64; 4]> =
-        all.iter().filter(|(next, _)| matches!(next, Next::Tracklet(_))).map(|(_, px)| px).collect();
-    for (_, (next, bbox_px)) in all.iter().enumerate().filter(|(b, _)| !used.contains(b)) {
-        let mut chain = Chain::new(*bbox_px, None, time_s);
-        match next {
-            Next::Tracklet(index) => chain.tracklet = Some(*index),
-            // A second box of a tracklet's vehicle.
-            Next::Free(_) if own.iter().any(|px| bbox_iou(px, bbox_px) > SURE_OVERLAP) => continue,
-            Next::Free(seen) => chain.boxes.push((frame, **seen)),
+    for (_, (tracklet, seen)) in all.iter().enumerate().filter(|(b, _)| !used.contains(b)) {
+        let has_box =
+            |(own, other): &Next<'_>| own.is_some() && bbox_iou(&other.bbox_px, &seen.bbox_px) > SURE_OVERLAP;
+        // A second box of a tracklet's vehicle starts no chain.
+        if tracklet.is_none() && all.iter().any(has_box) {
+            continue;
         }
-        open.push(chain);
+        let boxes = if tracklet.is_none() { vec![(frame, **seen)] } else { Vec::new() };
+        let motion = BoxMotion::new(seen.bbox_px, time_s);
+        open.push(Chain { boxes, tracklet: *tracklet, motion });
     }
 }

@@ -14,7 +14,7 @@ use crate::{
     frames::{BoxesByFrame, Frames},
     measurement::Sighting,
     picture_chains::{Chain, chains},
-    raw_track::{RawTrack, votes_of},
+    raw_track::{DimsSum, RawTrack, votes_of},
 };
 
 /// Adds tracklets, made of boxes that no given tracklet has. Boxes between the detections of a tracklet become
@@ -40,7 +40,8 @@ pub(crate) fn add_boxes(
         let (before, rest) = chain.boxes.split_at(chain.boxes.partition_point(|(frame, _)| *frame < first));
         let (between, after) = rest.split_at(rest.partition_point(|(frame, _)| *frame < last));
         // The labels of these boxes do not vote: the tracklet knows the class better.
-        let part = |boxes| RawTrack::by_boxes(of_vehicle(boxes, track, frames, scene), &[], &[]);
+        let part =
+            |boxes| RawTrack::by_boxes(of_vehicle(boxes, track, frames, scene), &[], DimsSum::default());
         new.extend([part(before), part(after)].into_iter().flatten());
         let found = of_vehicle(between, track, frames, scene);
         tracklets[index].insert(&found);
@@ -61,7 +62,7 @@ fn of_vehicle(
         track.observations.iter().map(|seen| [seen.time_s, seen.pose.x, seen.pose.y]).collect();
     let heading = |time_s: f64| {
         let near = nearest(&track.observations, time_s, |seen| seen.time_s)?;
-        let driven = way(&places, near.time_s).map(|way| [way, HEADING_SD_RAD]);
+        let driven = direction(&places, near.time_s).map(|travel| [travel, HEADING_SD_RAD]);
         Some(driven.unwrap_or([near.pose.z, near.covariance[(2, 2)].sqrt()]))
     };
     sightings(boxes, &body, heading, frames, scene)
@@ -76,31 +77,33 @@ fn body(class: VehicleClass, dims_m: Option<Vector3<f64>>, shape: &Shape, scene:
 /// Returns the tracklet of a chain without a tracklet; `None` where the camera cannot see it on the ground.
 fn alone(chain: &Chain, frames: &Frames, scene: &impl Scene) -> Option<RawTrack> {
     let boxes = &chain.boxes;
-    let class = class(boxes);
+    let class = VehicleClass::ALL[votes_of(boxes).imax()];
     let label = Knowledge::Label(class);
-    let about: Vec<(&(usize, Detection), GroundContact)> =
-        (boxes.iter()).filter_map(|one| Some((one, place(one.0, &one.1, &label, frames, scene)?))).collect();
+    let about: Vec<(&(usize, Detection), GroundContact)> = (boxes.iter())
+        .filter_map(|one| Some((one, scene.place(&frames.stamps[one.0], &one.1, &label)?)))
+        .filter(|(_, at)| at.covariance.cholesky().is_some())
+        .collect();
     let time_s = |frame: usize| frames.times_s[frame];
     let places: Vec<[f64; 3]> =
         about.iter().map(|((frame, _), at)| [time_s(*frame), at.pose.x_m, at.pose.y_m]).collect();
     // The box of a stationary car shows its heading, if only roughly. Positions that jitter are no path.
-    let way_at = |at: &[f64; 3]| Some([at[0], way(&places, at[0])?]);
-    let ways: Vec<[f64; 2]> =
-        if chain.goes_on() { places.iter().filter_map(way_at).collect() } else { Vec::new() };
-    let dims: Vec<[Vector3<f64>; 2]> = about.iter().map(|(_, at)| at.dims_m).collect();
-    if ways.is_empty() {
+    let direction_at = |at: &[f64; 3]| Some([at[0], direction(&places, at[0])?]);
+    let directions: Vec<[f64; 2]> =
+        if chain.goes_on() { places.iter().filter_map(direction_at).collect() } else { Vec::new() };
+    let dims = DimsSum::of(about.iter().map(|(_, at)| &at.dims_m));
+    if directions.is_empty() {
         let sighting = |((frame, seen), at): &(&(usize, Detection), GroundContact)| {
             Sighting::by_box(seen, at, *frame, time_s(*frame))
         };
-        return RawTrack::by_boxes(about.iter().map(sighting).collect(), boxes, &dims);
+        return RawTrack::by_boxes(about.iter().map(sighting).collect(), boxes, dims);
     }
-    let dims_m = if class == VehicleClass::Car { None } else { RawTrack::mean_dims_m(&dims) };
+    let dims_m = if class == VehicleClass::Car { None } else { dims.mean() };
     let body = body(class, dims_m, &Shape::zeros(), scene);
     let heading = |time_s: f64| {
-        let [_, way] = *nearest(&ways, time_s, |way| way[0])?;
-        Some([way, HEADING_SD_RAD])
+        let [_, travel] = *nearest(&directions, time_s, |travel| travel[0])?;
+        Some([travel, HEADING_SD_RAD])
     };
-    RawTrack::by_boxes(sightings(boxes, &body, heading, frames, scene), boxes, &dims)
+    RawTrack::by_boxes(sightings(boxes, &body, heading, frames, scene), boxes, dims)
 }
 
 /// Places boxes of a vehicle on the ground. `heading` returns its heading at a time (s) and the sd of the heading, rad.
@@ -115,22 +118,11 @@ fn sightings(
         let time_s = frames.times_s[*frame];
         let [heading_rad, heading_sd_rad] = heading(time_s)?;
         let known = Knowledge::Track { body: *body, heading_rad, heading_sd_rad };
-        let placed = place(*frame, seen, &known, frames, scene)?;
+        let placed = scene.place(&frames.stamps[*frame], seen, &known);
+        let placed = placed.filter(|at| at.covariance.cholesky().is_some())?;
         Some(Sighting::by_box(seen, &placed, *frame, time_s))
     };
     boxes.iter().filter_map(of_box).collect()
-}
-
-/// Places one box on the ground.
-fn place(
-    frame: usize,
-    seen: &Detection,
-    known: &Knowledge,
-    frames: &Frames,
-    scene: &impl Scene,
-) -> Option<GroundContact> {
-    let placed = scene.place(&frames.stamps[frame], seen, known)?;
-    placed.covariance.cholesky().is_some().then_some(placed)
 }
 
 /// Returns the item whose time is nearest to `time_s`, s.
@@ -139,14 +131,9 @@ fn nearest<T>(items: &[T], time_s: f64, at_s: impl Fn(&T) -> f64) -> Option<&T> 
     items.iter().min_by(|a, b| away_s(a).total_cmp(&away_s(b)))
 }
 
-/// Returns the class of a chain, by the boxes of which the detector is certain.
-fn class(boxes: &[(usize, Detection)]) -> VehicleClass {
-    VehicleClass::ALL[votes_of(boxes).imax()]
-}
-
 /// Returns the direction of travel at a time, rad: that of a line through the positions (time, x, y) around it. `None`
 /// where the vehicle is too slow.
-fn way(places: &[[f64; 3]], at_s: f64) -> Option<f64> {
+fn direction(places: &[[f64; 3]], at_s: f64) -> Option<f64> {
     let (mut normal, mut right) = (Matrix2::zeros(), [Vector2::zeros(), Vector2::zeros()]);
     for [time_s, x, y] in places.iter().filter(|place| (place[0] - at_s).abs() <= MOTION_S) {
         let basis = Vector2::new(1.0, time_s - at_s);

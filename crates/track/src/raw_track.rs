@@ -13,7 +13,7 @@ use crate::{
 pub(crate) const FEWEST: usize = 3;
 
 /// A track before smoothing.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub(crate) struct RawTrack {
     /// Detections, in the order of time.
     pub observations: Vec<Sighting>,
@@ -22,7 +22,7 @@ pub(crate) struct RawTrack {
     /// Sum of the scores for each class.
     pub votes: Votes,
     /// Evidence on the vehicle's size.
-    dims: DimsSum,
+    pub dims: DimsSum,
     /// Joins of tracklets, in the order of time.
     pub links: Vec<Link>,
     /// Number of detections without a measurement.
@@ -47,7 +47,7 @@ pub(crate) type Votes = SVector<f64, { VehicleClass::ALL.len() }>;
 
 /// Sizes from boxes, weighted by their precision.
 #[derive(Clone, Copy, Debug, Default)]
-struct DimsSum {
+pub(crate) struct DimsSum {
     /// Sum of the sizes times their precisions, 1/m.
     weighted: Vector3<f64>,
     /// Sum of the precisions, 1/m².
@@ -56,9 +56,9 @@ struct DimsSum {
 
 impl DimsSum {
     /// Sums sizes with their sds, m.
-    fn of(all: &[[Vector3<f64>; 2]]) -> Self {
+    pub(crate) fn of<'a>(all: impl Iterator<Item = &'a [Vector3<f64>; 2]>) -> Self {
         let mut sum = Self::default();
-        all.iter().for_each(|dims| sum.add(dims));
+        all.for_each(|dims| sum.add(dims));
         sum
     }
 
@@ -70,38 +70,23 @@ impl DimsSum {
     }
 
     /// Returns the weighted mean of the sizes, m; `None` without any.
-    fn mean(&self) -> Option<Vector3<f64>> {
+    pub(crate) fn mean(&self) -> Option<Vector3<f64>> {
         (self.precision.min() > 0.0).then(|| self.weighted.component_div(&self.precision))
     }
 }
 
 impl RawTrack {
-    /// Starts a track with its first measurement.
-    pub(crate) fn new(car: &CarMeasurement, observation: Sighting, shape: ShapeSum) -> Self {
-        let (observations, links, votes, dims, certain, seen_again) = Default::default();
-        let mut track =
-            Self { observations, shape, votes, dims, links, seen_again, certain, is_boxed: false };
-        track.add(car, observation);
-        track
-    }
-
-    /// Creates a track of a vehicle that only boxes show, from detections that were placed on the ground and sizes (m).
-    /// Boxes of which the detector is certain vote for a class. `None` without detections.
+    /// Creates a track of a vehicle that only boxes show, from detections that were placed on the ground. Boxes of which
+    /// the detector is certain vote for a class. `None` without detections.
     pub(crate) fn by_boxes(
         observations: Vec<Sighting>,
         boxes: &[(usize, Detection)],
-        dims_m: &[[Vector3<f64>; 2]],
+        dims: DimsSum,
     ) -> Option<Self> {
-        let first = observations.first()?;
-        let shape = ShapeSum::new(first.pose.xy(), first.pose.z);
-        let (votes, dims, links) = (votes_of(boxes), DimsSum::of(dims_m), Vec::new());
+        let (votes, is_boxed) = (votes_of(boxes), true);
         let certain = boxes.iter().filter(|(_, seen)| seen.is_sure() && !seen.held).count();
-        Some(Self { observations, shape, votes, dims, links, seen_again: 0, certain, is_boxed: true })
-    }
-
-    /// Returns the weighted mean of sizes with their sds, m.
-    pub(crate) fn mean_dims_m(dims_m: &[[Vector3<f64>; 2]]) -> Option<Vector3<f64>> {
-        DimsSum::of(dims_m).mean()
+        let track = Self { observations, votes, dims, certain, is_boxed, ..Self::default() };
+        (!track.observations.is_empty()).then_some(track)
     }
 
     /// Adds a measurement to the end of the track.
@@ -210,7 +195,6 @@ fn share_space(a: &Sighting, b: &Sighting) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use nalgebra::Vector2;
     use std::f64::consts::{FRAC_PI_2, PI};
 
     #[test]
@@ -236,21 +220,8 @@ mod tests {
     #[test]
     fn what_is_small_is_a_car_whatever_it_is_called() {
         let class = |called, dims_m: [f64; 3]| {
-            let mut dims = DimsSum::default();
-            dims.add(&[Vector3::from(dims_m), Vector3::repeat(0.3)]);
-            let shape = ShapeSum::new(Vector2::zeros(), 0.0);
-            let (observations, links, certain, seen_again) = Default::default();
-            RawTrack {
-                observations,
-                shape,
-                votes: vote(called, 1.0),
-                dims,
-                links,
-                seen_again,
-                certain,
-                is_boxed: false,
-            }
-            .class()
+            let dims = DimsSum::of([[Vector3::from(dims_m), Vector3::repeat(0.3)]].iter());
+            RawTrack { votes: vote(called, 1.0), dims, ..RawTrack::default() }.class()
         };
         use VehicleClass::{Bus, Car, Motorcycle, Truck};
         assert_eq!(class(Motorcycle, [2.0, 0.8, 1.6]), Motorcycle);

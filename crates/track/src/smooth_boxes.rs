@@ -10,11 +10,12 @@ use crate::{
     filter::STANDING_MPS,
     frames::Frames,
     measurement::Sighting,
-    parked::stand,
+    parked::parked_pose,
+    path::Path,
+    path_parts::{PathPart, path_parts, per_view},
     raw_track::RawTrack,
     stops::{close_gaps, runs},
-    vehicle::Node,
-    way::{Place, Way, per_view, places},
+    vehicle::{Node, Vehicle},
 };
 
 /// Returns the states and the size of a vehicle where boxes, and not keypoints, give its pose. For a vehicle that is no
@@ -25,7 +26,7 @@ pub(crate) fn smooth_by_boxes(
     frames: &Frames,
     scene: &impl Scene,
 ) -> Option<(Vec<TrackState>, Body)> {
-    let (sightings, half_wheelbase_m) = (&track.observations, track.half_wheelbase_m());
+    let sightings = &track.observations;
     let Frames { stamps, times_s, .. } = frames;
     let body = &scene.body(track.class(), &track.shape.fused().mean);
     let start_m = track.dims_m().unwrap_or(body.dims_m);
@@ -35,39 +36,33 @@ pub(crate) fn smooth_by_boxes(
         return None;
     }
     let by_poses =
-        Way::by_poses(track, times_s).filter(|way| way.facing.drove || sightings.iter().any(by_pose))?;
-    let solve = |before: &Way, moving: &[bool], start_m: Vector3<f64>| {
-        let mut places = places(sightings, times_s, &runs(moving));
-        let measured = |place: &mut Place| {
-            let seen = &sightings[place.sightings.clone()];
+        Path::by_poses(track, times_s).filter(|path| path.facing.drove || sightings.iter().any(by_pose))?;
+    let solve = |before: &Path, moving: &[bool], start_m: Vector3<f64>| {
+        let mut parts = path_parts(sightings, times_s, &runs(moving));
+        let measured = |part: &mut PathPart| {
+            let seen = &sightings[part.sightings.clone()];
             let poses: Vec<Sighting> = seen.iter().filter(|seen| by_pose(seen)).cloned().collect();
             if poses.is_empty() {
                 return None;
             }
-            if place.stand.is_some() {
-                place.stand = stand(&poses);
+            if part.parked.is_some() {
+                part.parked = parked_pose(&poses);
             }
-            place.measured(sightings, by_poses.noise)
+            part.measured(sightings, by_poses.noise)
         };
-        let measured: Vec<_> = places.iter_mut().map(measured).collect();
-        let look = |(place, measured): (&Place, &Option<_>)| {
-            let together = per_view(sightings, place.nearest);
-            let seen = Look::of(&sightings[place.sightings.clone()], together, |seen| stamps[seen.frame]);
+        let measured: Vec<_> = parts.iter_mut().map(measured).collect();
+        let look = |(part, measured): (&PathPart, &Option<_>)| {
+            let together = per_view(sightings, part.nearest);
+            let seen = Look::of(&sightings[part.sightings.clone()], together, stamps);
             seen.filter(|_| measured.is_none())
         };
-        let looks: Vec<Option<Look>> = places.iter().zip(&measured).map(look).collect();
-        let node = |(place, measured): (&Place, _)| Node {
-            span_s: place.span_s,
-            measured,
-            parked: place.stand.is_some(),
-        };
-        let nodes: Vec<Node> = places.iter().zip(measured).map(node).collect();
-        let start =
-            places.iter().map(|place| before.state_at(place.span_s[0])).collect::<Option<Vec<_>>>()?;
-        let problem = ByBoxes { nodes: &nodes, looks: &looks, body, start_m, scene, half_wheelbase_m };
-        let solved = problem.solve(start)?;
-        let way = Way { places, nodes: solved.states, covariances: solved.covariances, ..*before };
-        Some((way, solved.body))
+        let looks: Vec<Option<Look>> = parts.iter().zip(&measured).map(look).collect();
+        let nodes: Vec<Node> = parts.iter().zip(measured).map(|(part, one)| part.node(one)).collect();
+        let start = parts.iter().map(|part| before.state_at(part.span_s[0])).collect::<Option<Vec<_>>>()?;
+        let vehicle = Vehicle { nodes: &nodes, half_wheelbase_m: by_poses.half_wheelbase_m };
+        let problem = ByBoxes { vehicle, looks: &looks, body, start_m, scene };
+        let (nodes, covariances, found) = problem.solve(start)?;
+        Some((Path { parts, nodes, covariances, ..*before }, found))
     };
     // First assume that it drove in every measured frame: the whole path determines speeds better than one second of it
     // does.
@@ -78,10 +73,10 @@ pub(crate) fn smooth_by_boxes(
         *moving &= drive.state_at(seen.time_s)?[3].abs() >= STANDING_MPS;
     }
     close_gaps(&mut moving, sightings);
-    let (way, found) = solve(&drive, &moving, found.dims_m)?;
-    let states = way.states(sightings, stamps, |place| {
-        let is_measured = sightings[place.sightings.clone()].iter().any(by_pose);
-        if is_measured { place.bias(sightings, way.noise) } else { Matrix3::zeros() }
+    let (path, found) = solve(&drive, &moving, found.dims_m)?;
+    let states = path.states(sightings, stamps, |part| {
+        let is_measured = sightings[part.sightings.clone()].iter().any(by_pose);
+        if is_measured { part.bias(sightings, path.noise) } else { Matrix3::zeros() }
     });
     Some((states, found))
 }

@@ -57,19 +57,15 @@ fn window(sightings: &[Sighting], middle: usize) -> &[Sighting] {
 /// Whether the detections move by more than [`STILL_M`] on the ground, and by more than noise there and in the image. Their
 /// motion is that of a straight line through them.
 fn moves(part: &[Sighting]) -> bool {
-    let ground: Vec<(f64, Vector2<f64>)> = part.iter().map(|o| (o.time_s, o.pose.xy())).collect();
-    if !goes(&ground, STILL_M) {
-        return false;
-    }
+    let goes_at = |at: &dyn Fn(&Sighting) -> Vector2<f64>, least: f64| {
+        goes(&part.iter().map(|o| (o.time_s, at(o))).collect::<Vec<_>>(), least)
+    };
     // When a car drives along the line of sight, its box stays and grows. So the corners are compared, and not only the
     // centre.
-    let corner = |x: usize, y: usize| -> Vec<(f64, Vector2<f64>)> {
-        let at = |px: &[f64; 4]| Vector2::new(px[x], px[y]);
-        part.iter().map(|o| (o.time_s, at(&o.detection.bbox_px))).collect()
-    };
-    let centre: Vec<(f64, Vector2<f64>)> =
-        part.iter().map(|o| (o.time_s, bbox_centre(&o.detection.bbox_px))).collect();
-    goes(&centre, 0.0) || (goes(&corner(0, 1), 0.0) && goes(&corner(2, 3), 0.0))
+    let corner_goes =
+        |x: usize, y: usize| goes_at(&|o| Vector2::new(o.detection.bbox_px[x], o.detection.bbox_px[y]), 0.0);
+    goes_at(&|o| o.pose.xy(), STILL_M)
+        && (goes_at(&|o| bbox_centre(&o.detection.bbox_px), 0.0) || (corner_goes(0, 1) && corner_goes(2, 3)))
 }
 
 /// Whether a line through (time, position) is longer than `least` and significant. It is a least-squares fit with one

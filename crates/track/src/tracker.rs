@@ -1,10 +1,13 @@
 //! Assigns measurements to cars, frame by frame.
 
+use std::collections::BTreeMap;
+
 use nalgebra::{Matrix3, Vector3};
-use roadplane_base::{CarRef, assign, bbox_iou};
+use roadplane_base::{CarRef, VehicleClass, assign, bbox_iou};
 
 use crate::{
-    CarMeasurement, Detection, FrameMeasurements, HeldCar, Scene, SeenAgain, TrackOptions, TrackStep, Tracks,
+    CarMeasurement, Detection, FrameMeasurements, HeldCar, Scene, SeenAgain, Track, TrackOptions, TrackStep,
+    Tracks,
     complete::complete,
     expected::{Expected, SURE_OVERLAP},
     filter::POSE_FLOOR_M,
@@ -12,16 +15,13 @@ use crate::{
     measurement::Sighting,
     noise::MIN_SIGHTINGS,
     raw_track::{FEWEST, RawTrack, same_car},
-    seen_again::add_detections,
     shape::ShapeSum,
 };
 
 /// A track that may continue.
 #[derive(Clone, Debug)]
 struct Live {
-    /// Prediction of the vehicle.
     expected: Expected,
-    /// The track so far.
     raw: RawTrack,
     /// Frame and index of the last measurement.
     look: Option<CarRef>,
@@ -38,17 +38,12 @@ impl Live {
     fn new(car: &CarMeasurement, observation: Sighting, look: Option<CarRef>, looks: usize) -> Self {
         let expected = Expected::new(&observation);
         let (position, axis) = (expected.filter.state.xy(), expected.filter.axis);
-        let mut shape = ShapeSum::new(position, axis);
+        let mut raw = RawTrack { shape: ShapeSum::new(position, axis), ..RawTrack::default() };
         if !car.from_box {
-            shape.add(car, position, axis);
+            raw.shape.add(car, position, axis);
         }
-        let raw = RawTrack::new(car, observation, shape);
+        raw.add(car, observation);
         Self { expected, raw, look, born: looks, missed: 0, known: car.known }
-    }
-
-    /// Returns the last detection.
-    fn last(&self) -> Option<&Sighting> {
-        self.raw.observations.last()
     }
 
     /// Whether it was detected often enough not to be a false alarm.
@@ -58,7 +53,7 @@ impl Live {
 
     /// Adds a detection that is carried over: the car is in the position of its last measurement.
     fn hold(&mut self, held: &HeldCar, frame: usize, time_s: f64) {
-        let Some(last) = self.last().cloned() else { return };
+        let Some(last) = self.raw.observations.last().cloned() else { return };
         self.expected.hold(held.detection.bbox_px, time_s);
         let detection = Detection { held: true, ..held.detection };
         self.raw.observations.push(Sighting { frame, time_s, detection, ..last });
@@ -79,10 +74,9 @@ impl Live {
 }
 
 /// The tracker of a clip's cars.
+#[derive(Default)]
 pub struct Tracker {
-    /// Settings of the tracker.
     options: TrackOptions,
-    /// Frames so far.
     frames: Frames,
     /// Tracks that may continue.
     live: Vec<Live>,
@@ -92,29 +86,15 @@ pub struct Tracker {
     boxes: BoxesByFrame,
     /// Detections without a measurement, with the indices of their frames.
     seen_again: Vec<(u64, SeenAgain)>,
-    /// Number of unusable measurements.
-    rejected: usize,
+    /// Number of measurements that were not finite, had no area or had no valid covariance.
+    pub rejected: usize,
 }
 
 impl Tracker {
     /// Creates a tracker with these settings.
     #[must_use]
     pub fn new(options: TrackOptions) -> Self {
-        Self {
-            options,
-            frames: Frames::default(),
-            live: Vec::new(),
-            ended: Vec::new(),
-            boxes: BoxesByFrame::new(),
-            seen_again: Vec::new(),
-            rejected: 0,
-        }
-    }
-
-    /// Returns the number of measurements that were not finite, had no area or had no valid covariance.
-    #[must_use]
-    pub fn rejected(&self) -> usize {
-        self.rejected
+        Self { options, ..Self::default() }
     }
 
     /// Takes the next frame, in the order of time. Frames without cars must be given, too.
@@ -142,7 +122,7 @@ impl Tracker {
             // A measurement that failed belongs to no track. The car is still the one that is stationary there.
             let by_look = car.look.and_then(|look| self.live.iter().position(|live| live.look == Some(look)));
             let overlap =
-                |l: &usize| bbox_iou(self.live[*l].expected.motion.last_px(), &car.detection.bbox_px);
+                |l: &usize| bbox_iou(&self.live[*l].expected.motion.last_px, &car.detection.bbox_px);
             let by_place = || {
                 let free = (0..self.live.len()).filter(|l| !held[*l] && overlap(l) > SURE_OVERLAP);
                 free.max_by(|a, b| overlap(a).total_cmp(&overlap(b)))
@@ -166,36 +146,34 @@ impl Tracker {
             live.raw.seen_again += usize::from(again.is_some());
         }
         let look = |c: usize| cars[c].detection.car.map(|car| CarRef { frame: frame.stamp.index, car });
-        let mut taken = vec![false; cars.len()];
         for ((live, pair), has_own) in self.live.iter_mut().zip(&pairs).zip(&has_own) {
             match *pair {
-                Some(c) => {
-                    live.add(cars[c], observations[c].clone(), look(c));
-                    taken[c] = true;
-                }
+                Some(c) => live.add(cars[c], observations[c].clone(), look(c)),
                 None => live.missed += usize::from(is_look && !has_own),
             }
         }
+        let taken = |c: usize| pairs.contains(&Some(c));
         let own: Vec<Sighting> = (self.live.iter().zip(&again).zip(&has_own))
             .filter(|(_, has_own)| **has_own)
             .filter_map(|((live, again), _)| {
-                let last = live.last()?;
+                let last = live.raw.observations.last()?;
                 let bbox_px = again.map_or(last.detection.bbox_px, |car| car.bbox_px);
                 Some(Sighting { detection: Detection { bbox_px, ..last.detection }, ..last.clone() })
             })
             .collect();
         let births: Vec<usize> = (0..cars.len())
-            .filter(|&c| !taken[c] && !cars[c].lacks_keypoints())
+            // A car without a car's keypoints starts no track.
+            .filter(|&c| !taken(c) && (!cars[c].from_box || cars[c].detection.class != VehicleClass::Car))
             .filter(|&c| {
                 let same = |other: &Sighting| same_car(&observations[c], other);
-                !(0..cars.len()).any(|other| taken[other] && same(&observations[other]))
+                !(0..cars.len()).any(|other| taken(other) && same(&observations[other]))
                     && !own.iter().any(same)
             })
             .collect();
         if !frame.boxes.is_empty() {
             self.boxes.insert(index, frame.boxes.clone());
         }
-        self.bury(looks, time_s);
+        self.bury(time_s);
         for c in births {
             self.live.push(Live::new(cars[c], observations[c].clone(), look(c), looks));
         }
@@ -212,19 +190,18 @@ impl Tracker {
     }
 
     /// Ends tracks that were undetected for too long. Unconfirmed tracks get little time.
-    fn bury(&mut self, looks: usize, time_s: f64) {
-        let options = &self.options;
-        let (dead, live) = std::mem::take(&mut self.live).into_iter().partition(|live: &Live| {
+    fn bury(&mut self, time_s: f64) {
+        let (options, looks) = (&self.options, self.frames.looks);
+        let is_dead = |live: &mut Live| {
             if !live.is_confirmed(options) {
                 return looks + 1 - live.born >= MIN_SIGHTINGS || live.missed + FEWEST > MIN_SIGHTINGS;
             }
             // Inference frames may be rare, so a track may miss one of them.
             live.missed > 1 && live.expected.is_lost(time_s)
-        });
-        self.live = live;
+        };
         // Unconfirmed tracks are dropped. In a clip that is itself too short, they are still live at the end and are
         // kept.
-        let confirmed = Vec::into_iter(dead).filter(|live| live.is_confirmed(options));
+        let confirmed = self.live.extract_if(.., is_dead).filter(|live| live.is_confirmed(options));
         self.ended.extend(confirmed.map(|live| live.raw));
     }
 }
@@ -241,5 +218,23 @@ fn observation(car: &CarMeasurement, frame: usize, time_s: f64) -> Sighting {
         detection: car.detection,
         from_box: car.from_box,
         fit_rms_share: car.fit_rms_share,
+    }
+}
+
+/// Adds detections to the states of their tracks. Each has the index of its frame, and belongs to the track of the
+/// measurement before it. It does not change the position.
+fn add_detections(tracks: &mut [Track], detections: &[(u64, SeenAgain)]) {
+    let mut owners: BTreeMap<CarRef, usize> = BTreeMap::new();
+    for (owner, track) in tracks.iter().enumerate() {
+        owners.extend(track.measured().map(|(look, _)| (look, owner)));
+    }
+    for (frame, seen) in detections {
+        let Some(&owner) = owners.get(&seen.look) else { continue };
+        let states = &mut tracks[owner].states;
+        let Ok(at) = states.binary_search_by_key(frame, |state| state.stamp.index) else { continue };
+        let state = &mut states[at];
+        if state.bbox_px.is_none() {
+            (state.bbox_px, state.score) = (Some(seen.bbox_px), seen.score);
+        }
     }
 }

@@ -73,9 +73,9 @@ pub(crate) fn state_at(origin: &Vector3<f64>, speed_mps: f64, half_wheelbase_m: 
     State::new(origin.x - l * cos, origin.y - l * sin, origin.z, speed_mps, 0.0)
 }
 
-/// Returns the residual of a measured pose, m and rad. Its heading is compared modulo π.
-pub(crate) fn residual(state: &State, measured: &Vector3<f64>, half_wheelbase_m: f64) -> Vector3<f64> {
-    let d = measured - origin(state, half_wheelbase_m).0;
+/// Returns the residual of a measured pose (x, y, heading), m and rad. Headings are compared modulo π.
+pub(crate) fn residual(measured: &Vector3<f64>, pose: &Vector3<f64>) -> Vector3<f64> {
+    let d = measured - pose;
     Vector3::new(d.x, d.y, fold_axis(d.z))
 }
 
@@ -102,7 +102,7 @@ impl Vehicle<'_> {
         let mut total = 0.0;
         for (i, (node, state)) in self.nodes.iter().zip(states).enumerate() {
             if let Some((measured, information)) = &node.measured {
-                let d = residual(state, measured, self.half_wheelbase_m);
+                let d = residual(measured, &origin(state, self.half_wheelbase_m).0);
                 total += SCATTER.cost(d.dot(&(information * d)));
             }
             let precision = self.prior(i);
@@ -121,8 +121,8 @@ impl Vehicle<'_> {
         let mut blocks = Blocks::zeros(states.len());
         for (i, (node, state)) in self.nodes.iter().zip(states).enumerate() {
             if let Some((measured, information)) = &node.measured {
-                let (_, jacobian) = origin(state, self.half_wheelbase_m);
-                let d = residual(state, measured, self.half_wheelbase_m);
+                let (pose, jacobian) = origin(state, self.half_wheelbase_m);
+                let d = residual(measured, &pose);
                 let weight = SCATTER.weight(d.dot(&(information * d)));
                 let weighted = jacobian.transpose() * information * weight;
                 blocks.diagonal[i] += weighted * jacobian;

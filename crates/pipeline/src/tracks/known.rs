@@ -7,8 +7,6 @@ use roadplane_base::{CarRef, GroundPose, ShapeAtlas, VehicleClass};
 use roadplane_measure::{Body, body_of, car_body};
 use roadplane_track::{ShapeBelief, Track, TrackState};
 
-use crate::tracks::stretch::detections_of;
-
 /// The vehicle in a box, from the first pass.
 pub(crate) struct KnownCar {
     /// The vehicle, common to all its boxes.
@@ -23,10 +21,8 @@ pub(crate) struct KnownCar {
 pub(crate) struct KnownVehicle {
     /// Mean and information of its shape.
     pub shape: ShapeBelief,
-    /// Its size.
+    /// Its class and size.
     pub body: Body,
-    /// Its class.
-    pub class: VehicleClass,
 }
 
 /// Returns the track's shape and smoothed pose for each detection of a track. Shapes are within the atlas's bounds.
@@ -43,13 +39,13 @@ pub(crate) fn tracked_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<Car
             None => body_of(track.class),
         }
         .at_best();
-        let vehicle = Arc::new(KnownVehicle { shape, body, class: track.class });
+        let vehicle = Arc::new(KnownVehicle { shape, body });
         let of = |state: &TrackState| KnownCar {
             vehicle: Arc::clone(&vehicle),
             pose: state.pose,
             heading_sd_rad: state.pose_sd.z,
         };
-        known.extend(detections_of(track).map(|(key, state)| (key, of(state))));
+        known.extend(track.measured().map(|(key, state)| (key, of(state))));
     }
     known
 }

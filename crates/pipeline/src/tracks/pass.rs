@@ -14,10 +14,10 @@ use roadplane_track::{
 };
 
 use crate::cameras::camera_track::CameraTrack;
+use crate::tracks::chunks::TimeChunk;
 use crate::tracks::known::KnownCar;
 use crate::tracks::poses::{CarriedPoses, pose_record};
 use crate::tracks::scene::SiteScene;
-use crate::tracks::stretch::TimeChunk;
 use crate::tracks::views::Views;
 use crate::{Config, PipelineError};
 
@@ -40,13 +40,10 @@ pub(crate) struct Pass<'a> {
     pub clock: &'a Clock,
     /// Position of the camera on the map, if given.
     pub place: Option<&'a Place>,
-    /// The shape atlas.
     pub atlas: &'a ShapeAtlas,
     /// Prior of a car's shape before it is detected.
     pub any_car: ShapePrior,
-    /// Options of the solver.
     pub options: SceneOptions,
-    /// The configuration.
     pub config: &'a Config,
 }
 
@@ -60,7 +57,7 @@ impl Pass<'_> {
     pub(crate) fn tracks(
         &self,
         frames: impl Iterator<Item = Result<FrameRecord, PipelineError>>,
-        stretch: TimeChunk,
+        chunk: TimeChunk,
         known: Option<&BTreeMap<CarRef, KnownCar>>,
         tally: &mut Tally,
         mut sink: impl FnMut(&PoseRecord) -> Result<(), PipelineError>,
@@ -76,7 +73,7 @@ impl Pass<'_> {
         let limits = self.config.solve.fit_limits();
         for frame in frames {
             let frame = frame?;
-            let own = stretch.holds(frame.time_s);
+            let own = chunk.holds(frame.time_s);
             let Some(estimate) = self.cameras.at(frame.time_s) else { continue };
             let position = self.cameras.position_at(frame.time_s);
             let tracker = at_position.entry(position).or_insert_with(new);
@@ -91,14 +88,8 @@ impl Pass<'_> {
                 }
                 None => (self.any_car, None),
             };
-            let fitted = fit_frame(
-                &frame,
-                &view,
-                self.atlas,
-                &self.options,
-                self.config.solve.min_keypoint_score,
-                prior,
-            );
+            let least_score = self.config.solve.min_keypoint_score;
+            let fitted = fit_frame(&frame, &view, self.atlas, &self.options, least_score, prior);
             let (mut cars, mut held, mut seen_again, mut boxes) =
                 (Vec::new(), Vec::new(), Vec::new(), Vec::new());
             for (index, fit) in fitted.into_iter().enumerate() {
@@ -135,7 +126,7 @@ impl Pass<'_> {
                 };
                 let known = known_car(index);
                 // The net finds a car's keypoints in a truck, too.
-                let is_car = known.is_none_or(|known| known.vehicle.class == VehicleClass::Car);
+                let is_car = known.is_none_or(|known| known.vehicle.body.class == VehicleClass::Car);
                 let usable = fit.as_ref().filter(|_| reason.is_none() && is_car);
                 let measured = usable
                     .map(|fit| by_keypoints(fit, seen, self.any_car, known))
@@ -168,14 +159,10 @@ impl Pass<'_> {
             let stamp = FrameStamp { index: frame.frame, pts_nanos };
             let delay_s = self.clock.delay_s(frame.time_s);
             let looked = frame.watch.as_ref().is_none_or(|watch| watch.looked);
-            if known.is_some() {
-                boxes.extend(
-                    frame
-                        .weak
-                        .iter()
-                        .map(|weak| self.detection(&frame, weak.bbox_px, weak.score, weak.colour_rgb, None)),
-                );
-            }
+            let weak = frame.weak.iter().filter(|_| known.is_some());
+            boxes.extend(
+                weak.map(|weak| self.detection(&frame, weak.bbox_px, weak.score, weak.colour_rgb, None)),
+            );
             tracker.push(&FrameMeasurements { stamp, delay_s, looked, cars, held, seen_again, boxes });
         }
         let mut tracks = Vec::new();
@@ -186,16 +173,13 @@ impl Pass<'_> {
             views: &views,
         };
         for tracker in at_position.into_values() {
-            if tracker.rejected() > 0 {
-                *tally.rejected.entry("pose_not_finite".to_owned()).or_insert(0) += tracker.rejected() as u64;
+            if tracker.rejected > 0 {
+                *tally.rejected.entry("pose_not_finite".to_owned()).or_insert(0) += tracker.rejected as u64;
             }
             let Tracks { tracks: found, left_out } = tracker.finish(&scene);
             tracks.extend(found);
-            let own = left_out.iter().filter(|stamp| stretch.holds(stamp.time_s()));
+            let own = left_out.iter().filter(|stamp| chunk.holds(stamp.time_s()));
             tally.left_out_tracks += own.count() as u64;
-        }
-        for (id, track) in (1..).zip(&mut tracks) {
-            track.id = id;
         }
         Ok((tracks, views))
     }

@@ -2,7 +2,6 @@
 
 use std::collections::BTreeMap;
 
-use nalgebra::Isometry3;
 use roadplane_base::{
     CarRef, FrameRecord, GroundPlane, KEYPOINTS, PoseRecord, Shape, ShapeAtlas, rows_from_isometry,
 };
@@ -22,16 +21,14 @@ pub fn pose_record(
 ) -> Option<PoseRecord> {
     let car = &fit.car;
     let part = view.part_of_box(&frame.cars.get(index)?.bbox_px);
-    let sd = |i: usize| sd_of(car.ground_covariance[(i, i)]);
-    let pose = Pose {
-        world_from_car: part.world_from_plane * part.from_surface(&car.ground).world_from_car(),
-        camera_from_car: car.camera_from_car,
-        sd: [sd(0), sd(1), sd(2)],
-        shape: car.shape,
-        reprojection_rms_px: car.reprojection_rms_px,
+    let world_from_car = part.world_from_plane * part.from_surface(&car.ground).world_from_car();
+    Some(PoseRecord {
+        world_from_car: rows_from_isometry(&world_from_car),
+        camera_from_car: rows_from_isometry(&car.camera_from_car),
+        pose_sd: [0, 1, 2].map(|i| sd_of(car.ground_covariance[(i, i)])),
         used: car.used,
-    };
-    record_of(frame, index, &pose, atlas)
+        ..record_of(frame, index, &car.shape, car.reprojection_rms_px, atlas)?
+    })
 }
 
 /// Returns the line of `poses.jsonl` for a car whose pose was fitted with six degrees of freedom.
@@ -48,15 +45,13 @@ pub fn free_pose_record(
     let turn = world_from_camera.rotation.to_rotation_matrix();
     let moved = turn.matrix() * fit.pose_covariance.fixed_view::<3, 3>(3, 3) * turn.matrix().transpose();
     let turned = turn.matrix() * fit.pose_covariance.fixed_view::<3, 3>(0, 0) * turn.matrix().transpose();
-    let pose = Pose {
-        world_from_car: world_from_camera * fit.camera_from_car,
-        camera_from_car: fit.camera_from_car,
-        sd: [sd_of(moved[(0, 0)]), sd_of(moved[(1, 1)]), sd_of(turned[(2, 2)])],
-        shape: fit.shape,
-        reprojection_rms_px: fit.reprojection_rms_px,
+    Some(PoseRecord {
+        world_from_car: rows_from_isometry(&(world_from_camera * fit.camera_from_car)),
+        camera_from_car: rows_from_isometry(&fit.camera_from_car),
+        pose_sd: [moved[(0, 0)], moved[(1, 1)], turned[(2, 2)]].map(sd_of),
         used: fit.inliers.iter().filter(|inlier| **inlier).count() >= options.min_inliers,
-    };
-    record_of(frame, index, &pose, atlas)
+        ..record_of(frame, index, &fit.shape, fit.reprojection_rms_px, atlas)?
+    })
 }
 
 /// Returns the sd of a pose's number from its variance under independent errors of the keypoints; `None` if not finite.
@@ -101,27 +96,17 @@ impl CarriedPoses {
     }
 }
 
-/// The numbers that a record needs from either kind of fit.
-struct Pose {
-    /// Pose of the car in the world, m.
-    world_from_car: Isometry3<f64>,
-    /// Pose of the car in the camera frame, m.
-    camera_from_car: Isometry3<f64>,
-    /// Sds of world x (m), world y (m) and heading (rad); `None` where not finite.
-    sd: [Option<f64>; 3],
-    /// Shape coefficients in the atlas.
-    shape: Shape,
-    /// Rms distance of the keypoints from their projections, px.
+/// Builds the line of `poses.jsonl` for a car, without its pose; `None` without keypoints or a finite rms (px).
+fn record_of(
+    frame: &FrameRecord,
+    index: usize,
+    shape: &Shape,
     reprojection_rms_px: f64,
-    /// Whether the fit is accepted.
-    used: bool,
-}
-
-/// Builds the line of `poses.jsonl` for a pose; `None` without keypoints or a finite rms.
-fn record_of(frame: &FrameRecord, index: usize, pose: &Pose, atlas: &ShapeAtlas) -> Option<PoseRecord> {
+    atlas: &ShapeAtlas,
+) -> Option<PoseRecord> {
     let record = frame.cars.get(index)?;
     let points = record.keypoints.as_deref()?;
-    if !pose.reprojection_rms_px.is_finite() {
+    if !reprojection_rms_px.is_finite() {
         // No keypoint agrees with the pose, so there is no number that a file could contain.
         return None;
     }
@@ -133,17 +118,17 @@ fn record_of(frame: &FrameRecord, index: usize, pose: &Pose, atlas: &ShapeAtlas)
         bbox_px: record.bbox_px,
         score: record.score,
         class: record.class,
-        world_from_car: rows_from_isometry(&pose.world_from_car),
-        camera_from_car: rows_from_isometry(&pose.camera_from_car),
-        shape: pose.shape.into(),
-        dims_m: atlas.dims_m(&pose.shape).into(),
-        pose_sd: pose.sd,
+        world_from_car: Default::default(),
+        camera_from_car: Default::default(),
+        shape: (*shape).into(),
+        dims_m: atlas.dims_m(shape).into(),
+        pose_sd: [None; 3],
         keypoints_px: points
             .iter()
             .map(|p| p.as_ref().map(|p| [p.pixel.x, p.pixel.y, p.score, p.sd_px()]))
             .collect(),
-        reprojection_rms_px: pose.reprojection_rms_px,
-        used: pose.used,
+        reprojection_rms_px,
+        used: false,
         pose_from: None,
     })
 }

@@ -1,8 +1,7 @@
 //! Converts a track to rows: positions, observed or projected boxes, and whether the two agree.
 
-use nalgebra::Vector3;
-use roadplane_base::{CameraEstimate, TrackRow, bbox_inside, bbox_iou};
-use roadplane_measure::{FrameBoxes, FrameCamera, body_box, filled_boxes, projected_box};
+use roadplane_base::{TrackRow, bbox_inside, bbox_iou};
+use roadplane_measure::{FrameBoxes, FrameCamera, body_box, car_body, filled_boxes, projected_box};
 use roadplane_track::{Join, Track, TrackState};
 
 use crate::tracks::pass::Pass;
@@ -27,7 +26,14 @@ impl Pass<'_> {
             let time_s = state.stamp.time_s();
             let estimate = self.cameras.at(time_s)?;
             let picture_px = views.picture_px(state.stamp.index, estimate.image_size_px);
-            let projected_px = self.projected_box(track, state, estimate);
+            let view = FrameCamera::from(estimate);
+            let projected_px = match track.dims_m {
+                Some(dims_m) => body_box(&view, &state.pose, track.class, &dims_m),
+                None => {
+                    let camera_from_car = view.camera_from_car(&state.pose);
+                    projected_box(self.atlas, &view.camera, &camera_from_car, &track.shape.mean)
+                }
+            };
             let is_own = |measured: &[f64; 4]| {
                 let drawn = projected_px.map(|projected| bbox_inside(&projected, &picture_px));
                 drawn.is_none_or(|drawn| bbox_iou(&drawn, measured) >= MIN_ROW_OVERLAP)
@@ -48,7 +54,7 @@ impl Pass<'_> {
     /// Returns the rows of a track, one for each frame in which its vehicle is in the picture. Boxes are in px of their
     /// frames.
     pub(crate) fn rows(&self, track: &Track, views: &Views) -> Vec<TrackRow> {
-        let dims = self.dims_m(track);
+        let dims = track.dims_m.unwrap_or_else(|| car_body(self.atlas, &track.shape.mean).dims_m);
         let boxes = self.boxes(track, views);
         let filled_px = filled_boxes(&boxes);
         let row = |(i, state): (usize, &TrackState)| {
@@ -98,24 +104,5 @@ impl Pass<'_> {
             })
         };
         track.states.iter().enumerate().filter_map(row).collect()
-    }
-
-    /// Returns the projected box of a vehicle, px; `None` where it is not in front of the camera.
-    fn projected_box(
-        &self,
-        track: &Track,
-        state: &TrackState,
-        estimate: &CameraEstimate,
-    ) -> Option<[f64; 4]> {
-        let view = FrameCamera::from(estimate);
-        if let Some(dims_m) = track.dims_m {
-            return body_box(&view, &state.pose, track.class, &dims_m);
-        }
-        projected_box(self.atlas, &view.camera, &view.camera_from_car(&state.pose), &track.shape.mean)
-    }
-
-    /// Returns the length, width and height of a track's vehicle, m.
-    pub(super) fn dims_m(&self, track: &Track) -> Vector3<f64> {
-        track.dims_m.unwrap_or_else(|| self.atlas.dims_m(&self.atlas.clamped(&track.shape.mean)))
     }
 }

@@ -12,9 +12,7 @@ use crate::tracks::views::Views;
 
 /// The site of a pass over the frames.
 pub(super) struct SiteScene<'a> {
-    /// Camera at every time.
     pub cameras: &'a CameraTrack,
-    /// The shape atlas.
     pub atlas: &'a ShapeAtlas,
     /// Shape of the site's mean car.
     pub mean_car: &'a Shape,

@@ -19,29 +19,24 @@ pub fn by_camera(estimate: &CameraEstimate, pose: &GroundPose) -> Option<Matrix4
 
 /// As [`by_camera`], for the camera above the plane at the position.
 fn by_camera_above(part: &GroundPart, camera: &CameraEstimate, pose: &GroundPose) -> Option<Matrix4<f64>> {
-    let mut by = by_plane(camera, &part.from_surface(pose))?;
-    let on_surface = part.surface_from_plane.rotation.to_rotation_matrix() * by.fixed_rows::<2>(0);
-    by.fixed_rows_mut::<2>(0).copy_from(&on_surface);
-    Some(by)
-}
-
-/// As [`by_camera`], for the only plane of the estimate, in its world frame.
-fn by_plane(estimate: &CameraEstimate, pose: &GroundPose) -> Option<Matrix4<f64>> {
+    let pose = part.from_surface(pose);
     // The direction is that of a path of one metre.
     let ahead = Vector2::new(pose.heading_rad.cos(), pose.heading_rad.sin());
     let from = Vector2::new(pose.x_m, pose.y_m);
-    let pixels = [pixel_of(estimate, &from)?, pixel_of(estimate, &(from + ahead))?];
+    let pixels = [pixel_of(camera, &from)?, pixel_of(camera, &(from + ahead))?];
     let laid = |numbers: &Vector4<f64>| -> Option<Vector4<f64>> {
         let params = CameraParams::from_vector(numbers);
-        let camera = Camera { focal_px: params.focal_px(), ..estimate.camera() };
-        let plane = params.plane();
+        let (plane, camera) = (params.plane(), Camera { focal_px: params.focal_px(), ..camera.camera() });
         let at = plane.world_from_pixel(&camera, &pixels[0])?;
-        let way = plane.world_from_pixel(&camera, &pixels[1])? - at;
+        let moved = plane.world_from_pixel(&camera, &pixels[1])? - at;
         // The turn is relative to the original direction, so that no angle wraps.
-        let turn = (ahead.x * way.y - ahead.y * way.x).atan2(ahead.dot(&way));
-        Some(Vector4::new(at.x, at.y, turn, way.norm().ln()))
+        let turn = (ahead.x * moved.y - ahead.y * moved.x).atan2(ahead.dot(&moved));
+        Some(Vector4::new(at.x, at.y, turn, moved.norm().ln()))
     };
-    derivatives_by_camera(laid, &estimate.params.to_vector()).map(|by| Matrix4::from_columns(&by))
+    let mut by = Matrix4::from_columns(&derivatives_by_camera(laid, &camera.params.to_vector())?);
+    let on_surface = part.surface_from_plane.rotation.to_rotation_matrix() * by.fixed_rows::<2>(0);
+    by.fixed_rows_mut::<2>(0).copy_from(&on_surface);
+    Some(by)
 }
 
 /// Returns the covariance of x, y, heading and log speed from the camera's errors; zero where these are not finite.

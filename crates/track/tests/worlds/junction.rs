@@ -102,7 +102,7 @@ fn identities(tracks: &[Track], seen: &Seen) -> (f64, f64) {
     let mut history: Vec<(u64, usize, usize)> = Vec::new();
     let mut found = 0.0;
     for (index, track) in tracks.iter().enumerate() {
-        for state in track.states.iter().filter(|state| state.observed) {
+        for state in track.states.iter().filter(|state| state.bbox_px.is_some()) {
             found += 1.0;
             let Some(car) = state.car else { continue };
             if let Some(owner) = seen.owners[state.stamp.index as usize][car] {

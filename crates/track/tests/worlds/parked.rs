@@ -26,7 +26,7 @@ fn without_noise_the_truth_comes_out() {
             let truth = world.truth(car, &state.stamp).unwrap();
             assert!((state.pose.x_m - truth.x_m).abs() < 1e-9 && (state.pose.y_m - truth.y_m).abs() < 1e-9);
             assert!(angle_difference(state.pose.heading_rad, truth.heading_rad).abs() < 1e-9);
-            assert!(state.speed_mps.abs() < 1e-9 && state.observed);
+            assert!(state.speed_mps.abs() < 1e-9 && state.bbox_px.is_some());
         }
     }
 }
@@ -71,7 +71,7 @@ fn a_parked_car_hidden_for_long_is_the_same_car() {
     let states = &tracks[index].states;
     assert!(states.len() > 290, "filled in while hidden");
     assert_eq!(
-        states.iter().filter(|s| s.stamp.index >= 50 && s.stamp.index < 250 && !s.observed).count(),
+        states.iter().filter(|s| s.stamp.index >= 50 && s.stamp.index < 250 && s.bbox_px.is_none()).count(),
         200
     );
 }
@@ -82,7 +82,7 @@ fn a_single_picture_gives_tracks_of_one_state() {
     let seen = world.see();
     let tracks = track(&seen.frames);
     assert_eq!(tracks.len(), 9);
-    assert!(tracks.iter().all(|t| t.states.len() == 1 && t.states[0].observed));
+    assert!(tracks.iter().all(|t| t.states.len() == 1 && t.states[0].bbox_px.is_some()));
     let order: Vec<f64> = tracks.iter().map(|t| t.states[0].pose.x_m).collect();
     assert!(order.is_sorted() && tracks.iter().map(|t| t.id).eq(1..=9));
 }

@@ -68,7 +68,7 @@ fn weak_boxes_lengthen_tracks_at_both_ends_and_begin_none() {
     for track in &tracks {
         assert_eq!(track.states.len(), 60);
         for (i, state) in track.states.iter().enumerate() {
-            assert!(state.observed && state.car.is_some() == (20..40).contains(&i), "frame {i}");
+            assert!(state.bbox_px.is_some() && state.car.is_some() == (20..40).contains(&i), "frame {i}");
             let at = |path: Path| path(0.1 * i as f64).unwrap();
             let off = |pose: GroundPose| (state.pose.x_m - pose.x_m).hypot(state.pose.y_m - pose.y_m);
             let off_m = off(at(drive())).min(off(pose(4.0, 22.0, 1.2)));
@@ -143,7 +143,7 @@ fn a_car_that_shows_no_keypoints_at_first_is_the_one_that_does_later() {
     let tracks = follow(&frames, &OnTheGround);
     assert_eq!(tracks.len(), 1);
     assert_eq!(tracks[0].states.len(), 60);
-    assert!(tracks[0].states.iter().all(|state| state.observed && state.car.is_some()));
+    assert!(tracks[0].states.iter().all(|state| state.bbox_px.is_some() && state.car.is_some()));
 }
 
 /// Returns the frames of a car of which the detector is certain in every `nth` frame.
@@ -172,7 +172,7 @@ fn what_drives_and_is_sure_now_and_then_is_a_vehicle() {
     for (i, state) in tracks[0].states.iter().enumerate() {
         let at = drive()(0.1 * i as f64).unwrap();
         let off_m = (state.pose.x_m - at.x_m).hypot(state.pose.y_m - at.y_m);
-        assert!(state.observed && off_m < 1.5, "frame {i}: {off_m} m");
+        assert!(state.bbox_px.is_some() && off_m < 1.5, "frame {i}: {off_m} m");
         // The path gives the heading, as boxes have no front.
         assert!((state.pose.heading_rad - at.heading_rad).abs() < 0.2 && (state.speed_mps - 3.0).abs() < 0.6);
     }

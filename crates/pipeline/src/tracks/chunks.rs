@@ -7,7 +7,7 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use roadplane_base::{CarRef, FrameRecord};
-use roadplane_track::{Track, TrackState};
+use roadplane_track::Track;
 
 use crate::stream::cadence::{RESET_S, interval_of};
 
@@ -36,11 +36,6 @@ impl TimeChunk {
     pub(crate) fn holds(&self, time_s: f64) -> bool {
         self.from_s <= time_s && time_s < self.to_s
     }
-
-    /// Returns whether the next chunk also tracks a frame at this time.
-    fn shares(&self, time_s: f64) -> bool {
-        (time_s - self.to_s).abs() <= OVERLAP_S
-    }
 }
 
 /// The approximate number of rows of a clip, by minute.
@@ -65,29 +60,22 @@ impl Load {
 
     /// Splits the clip into chunks of about `most` rows, but not shorter than [`LEAST_MINUTES`]; never empty.
     pub(crate) fn chunks(&self, most: u64) -> Vec<TimeChunk> {
-        let (mut seams, mut rows) = (Vec::new(), 0);
+        let (mut ends_s, mut rows) = (vec![f64::NEG_INFINITY], 0);
         let mut since = self.by_minute.keys().next().copied().unwrap_or_default();
         for (&minute, &count) in &self.by_minute {
             if rows + count > most && minute >= since + LEAST_MINUTES {
-                seams.push(minute as f64 * RESET_S);
+                ends_s.push(minute as f64 * RESET_S);
                 (since, rows) = (minute, 0);
             }
             rows += count;
         }
-        let mut all = vec![TimeChunk::ALL];
-        for seam_s in seams {
-            if let Some(last) = all.last_mut() {
-                last.to_s = seam_s;
-            }
-            all.push(TimeChunk { from_s: seam_s, ..TimeChunk::ALL });
-        }
-        all
+        ends_s.push(f64::INFINITY);
+        ends_s.windows(2).map(|ends_s| TimeChunk { from_s: ends_s[0], to_s: ends_s[1] }).collect()
     }
 }
 
 /// The frames of a clip in the order of time. Frames around a seam are given to both of its chunks.
 pub(crate) struct Replay<I> {
-    /// Source of the frames.
     frames: I,
     /// Frames that the next chunk may need again.
     kept: VecDeque<FrameRecord>,
@@ -103,8 +91,8 @@ where
     }
 
     /// Returns the frames that a chunk tracks. Chunks must be requested in their order.
-    pub(crate) fn seen_by(&mut self, stretch: TimeChunk) -> impl Iterator<Item = Result<FrameRecord, E>> {
-        self.kept.retain(|frame| frame.time_s >= stretch.from_s - OVERLAP_S);
+    pub(crate) fn seen_by(&mut self, chunk: TimeChunk) -> impl Iterator<Item = Result<FrameRecord, E>> {
+        self.kept.retain(|frame| frame.time_s >= chunk.from_s - OVERLAP_S);
         let mut at = 0;
         std::iter::from_fn(move || {
             if at == self.kept.len() {
@@ -114,24 +102,16 @@ where
                 }
             }
             let time_s = self.kept[at].time_s;
-            if time_s >= stretch.to_s + OVERLAP_S {
+            if time_s >= chunk.to_s + OVERLAP_S {
                 return None;
             }
-            if at == 0 && time_s < stretch.to_s - OVERLAP_S {
+            if at == 0 && time_s < chunk.to_s - OVERLAP_S {
                 return self.kept.pop_front().map(Ok);
             }
             at += 1;
             Some(Ok(self.kept[at - 1].clone()))
         })
     }
-}
-
-/// Returns the states in which a track was detected, each with its detection.
-pub(crate) fn detections_of(track: &Track) -> impl Iterator<Item = (CarRef, &TrackState)> {
-    track
-        .states
-        .iter()
-        .filter_map(|state| Some((CarRef { frame: state.stamp.index, car: state.car? }, state)))
 }
 
 /// Assigns track numbers that stay the same from chunk to chunk.
@@ -149,8 +129,8 @@ impl Numbers {
     /// Assigns numbers to the tracks of the next chunk, which are ordered by their beginnings.
     ///
     /// Vehicles of the previous chunk keep their properties. Tracks without a state inside the chunk are dropped.
-    pub(crate) fn give(&mut self, mut tracks: Vec<Track>, stretch: TimeChunk) -> Vec<Track> {
-        tracks.retain(|track| track.states.iter().any(|state| stretch.holds(state.stamp.time_s())));
+    pub(crate) fn give(&mut self, mut tracks: Vec<Track>, chunk: TimeChunk) -> Vec<Track> {
+        tracks.retain(|track| track.states.iter().any(|state| chunk.holds(state.stamp.time_s())));
         let known = self.known(&tracks);
         let mut numbered = Vec::new();
         for (track, known) in tracks.into_iter().zip(known) {
@@ -169,8 +149,10 @@ impl Numbers {
         }
         self.shared.clear();
         self.vehicles.clear();
+        // The next chunk also tracks these frames.
+        let is_shared = |time_s: f64| (time_s - chunk.to_s).abs() <= OVERLAP_S;
         for track in &numbered {
-            let around = detections_of(track).filter(|(_, state)| stretch.shares(state.stamp.time_s()));
+            let around = track.measured().filter(|(_, state)| is_shared(state.stamp.time_s()));
             self.shared.extend(around.map(|(car, _)| (car, track.id)));
             self.vehicles.insert(track.id, Track { states: Vec::new(), joins: Vec::new(), ..*track });
         }
@@ -181,7 +163,7 @@ impl Numbers {
     fn known(&self, tracks: &[Track]) -> Vec<Option<Track>> {
         let mut pairs: BTreeMap<(usize, u64), usize> = BTreeMap::new();
         for (i, track) in tracks.iter().enumerate() {
-            for number in detections_of(track).filter_map(|(car, _)| self.shared.get(&car)) {
+            for number in track.measured().filter_map(|(car, _)| self.shared.get(&car)) {
                 *pairs.entry((i, *number)).or_default() += 1;
             }
         }
@@ -203,7 +185,7 @@ mod tests {
     use super::*;
     use nalgebra::Vector3;
     use roadplane_base::{CarRecord, FrameStamp, GroundPose, ImageSize, VehicleClass};
-    use roadplane_track::{Evidence, ShapeBelief};
+    use roadplane_track::{Evidence, ShapeBelief, TrackState};
 
     /// Returns a frame at a second of the clip with this number of cars.
     fn frame(second: u64, cars: usize) -> FrameRecord {
@@ -226,7 +208,6 @@ mod tests {
     fn track(seconds: std::ops::Range<u64>, car: usize) -> Track {
         let state = |second: u64| TrackState {
             stamp: FrameStamp { index: second, pts_nanos: second.cast_signed() * 1_000_000_000 },
-            observed: true,
             pose: GroundPose { x_m: 0.0, y_m: 20.0, heading_rad: 0.0 },
             pose_sd: Vector3::repeat(0.1),
             speed_mps: 0.0,
@@ -248,12 +229,12 @@ mod tests {
     }
 
     #[test]
-    fn stretches_are_as_full_as_they_may_be_and_never_too_short() {
+    fn chunks_are_as_full_as_they_may_be_and_never_too_short() {
         let mut load = Load::default();
         assert_eq!(load.chunks(10), [TimeChunk::ALL]);
         (0..3600).for_each(|second| load.add(&frame(second, 2)));
         assert_eq!(load.chunks(7200), [TimeChunk::ALL]);
-        let seams: Vec<f64> = load.chunks(1500).iter().map(|stretch| stretch.to_s).collect();
+        let seams: Vec<f64> = load.chunks(1500).iter().map(|chunk| chunk.to_s).collect();
         assert_eq!(seams, [720.0, 1440.0, 2160.0, 2880.0, f64::INFINITY]);
         assert!(load.chunks(1).windows(2).all(|w| w[0].to_s == w[1].from_s && w[0].to_s % 300.0 == 0.0));
     }
@@ -261,11 +242,10 @@ mod tests {
     #[test]
     fn frames_around_a_seam_are_seen_from_both_sides() {
         let cuts = [f64::NEG_INFINITY, 300.0, 600.0, f64::INFINITY];
-        let stretches = cuts.windows(2).map(|w| TimeChunk { from_s: w[0], to_s: w[1] });
+        let chunks = cuts.windows(2).map(|w| TimeChunk { from_s: w[0], to_s: w[1] });
         let mut replay = Replay::new((0..1000).map(|second| Ok::<_, ()>(frame(second, 0))));
-        let seen: Vec<Vec<u64>> = stretches
-            .map(|stretch| replay.seen_by(stretch).map(|frame| frame.unwrap().frame).collect())
-            .collect();
+        let seen: Vec<Vec<u64>> =
+            chunks.map(|chunk| replay.seen_by(chunk).map(|frame| frame.unwrap().frame).collect()).collect();
         let expected = [0..360, 240..660, 540..1000].map(|range| range.collect::<Vec<u64>>());
         assert_eq!(seen, expected);
     }
