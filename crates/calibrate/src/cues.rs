@@ -7,7 +7,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use roadplane_base::SceneLine;
 
-use crate::factors::Factor;
+use crate::factors::{Factor, Survey};
 use crate::{FuseOptions, Turns, Verticals, WindowEstimate, fuse, verticals};
 
 /// The data of one camera position, and the results from them.
@@ -24,15 +24,12 @@ pub struct SceneView {
 }
 
 impl SceneView {
-    /// Returns the factors of this position.
-    fn factors(&self) -> impl Iterator<Item = Factor> + '_ {
-        let of_turns = self.turns.iter().map(Turns::factor);
-        of_turns.chain(self.verticals.iter().map(|found| Factor::Vertical(found.factor)))
-    }
-
     /// Adds the factors of this position to other factors, by camera position.
     pub fn add_factors(&self, factors: &mut BTreeMap<usize, Vec<Factor>>) {
-        factors.entry(self.position).or_default().extend(self.factors());
+        let of_turn = |turns: Turns| Factor::Survey(Survey::of_number(0, turns.focal_px.ln(), turns.log_sd));
+        let of_lines = self.verticals.iter().map(|found| Factor::Vertical(found.factor));
+        let own = self.turns.map(of_turn).into_iter().chain(of_lines);
+        factors.entry(self.position).or_default().extend(own);
     }
 }
 

@@ -3,7 +3,7 @@
 use nalgebra::Vector2;
 use roadplane_base::FrameRecord;
 
-use crate::{Fold, View, ViewSelector, linker::Linker};
+use crate::{Fold, View, ViewSelector, ground::is_beyond, linker::Linker};
 
 /// The views of one time interval from one camera position.
 #[derive(Clone, Debug)]
@@ -26,7 +26,7 @@ impl Window {
     #[must_use]
     pub fn divided(mut self, fold: &Fold, foot_px: impl Fn(&[f64; 4]) -> Vector2<f64>) -> [Self; 2] {
         let views = std::mem::take(&mut self.views).into_iter();
-        let (beyond, here) = views.partition(|view| fold.is_beyond(&foot_px(&view.bbox_px)));
+        let (beyond, here) = views.partition(|view| is_beyond(&fold.line, &foot_px(&view.bbox_px)));
         [(here, self.segment), (beyond, self.segment + 1)].map(|(views, segment)| Self {
             views,
             segment,
@@ -42,14 +42,13 @@ impl Window {
 pub struct EvidenceBuilder {
     /// Length of a window, s.
     window_s: f64,
-    /// Assigns boxes to cars.
     linker: Linker,
     /// Selects the views of the current window.
     selector: ViewSelector,
     /// The current window, without its views; `None` before its first frame.
     open: Option<Window>,
-    /// Index of the current camera position, from 0.
-    segment: usize,
+    /// Index of the camera position of the last frame, from 0.
+    pub segment: usize,
 }
 
 impl EvidenceBuilder {
@@ -87,11 +86,5 @@ impl EvidenceBuilder {
     /// Ends the current window and returns it; `None` if it has no frame.
     pub fn finish(&mut self) -> Option<Window> {
         Some(Window { views: self.selector.take(), ..self.open.take()? })
-    }
-
-    /// Returns the index of the camera position of the last frame, from 0.
-    #[must_use]
-    pub fn position(&self) -> usize {
-        self.segment
     }
 }

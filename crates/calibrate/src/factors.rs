@@ -6,14 +6,16 @@
 //! [`Factor`].
 
 mod length;
+mod residual;
 mod survey;
 mod vertical;
 
 use std::ops::{Div, Sub};
 
-use nalgebra::{DMatrix, DVector, MatrixXx4, Vector4};
+use nalgebra::{DVector, MatrixXx4, Vector4};
 
 pub use self::length::Length;
+pub(crate) use self::residual::{Component, Residual};
 pub use self::survey::Survey;
 pub use self::vertical::VerticalVanishingPoint;
 
@@ -26,26 +28,6 @@ pub enum Factor {
     Length(Length),
     /// The vanishing point of vertical lines.
     Vertical(VerticalVanishingPoint),
-}
-
-/// One Gaussian component of the error of a measurement.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Component {
-    /// Prior probability of the component, 0–1.
-    pub share: f64,
-    /// Inverse covariance of the residual.
-    pub information: DMatrix<f64>,
-}
-
-/// The residual of a factor at a camera, and the distribution of its error.
-#[derive(Clone, Debug, PartialEq)]
-pub(crate) struct Residual {
-    /// Measured value minus the value that the camera predicts, in the factor's units.
-    pub value: DVector<f64>,
-    /// Derivative of `value` by (log f, tilt, roll, log h).
-    pub by_camera: MatrixXx4<f64>,
-    /// Components of the error. Their shares add up to 1.
-    pub components: Vec<Component>,
 }
 
 /// Largest sd of log focal length for which a cue counts. A Gaussian does not describe a wider distribution.
@@ -69,52 +51,28 @@ where
     Some([by(0)?, by(1)?, by(2)?, by(3)?])
 }
 
-impl Component {
-    /// Returns the density of a residual times `share`, up to a constant factor.
-    pub fn density(&self, residual: &DVector<f64>) -> f64 {
-        let distance = residual.dot(&(&self.information * residual));
-        self.share * (-0.5 * distance).exp() * self.information.determinant().max(0.0).sqrt()
-    }
-}
-
 impl Factor {
-    /// Whether the factor's scale comes from the sizes of cars, not from measured metres.
-    #[must_use]
-    pub fn is_by_cars(&self) -> bool {
-        matches!(self, Self::Survey(survey) if survey.by_cars)
-    }
-
     /// Returns the residual at a camera; `None` if the factor cannot be evaluated there.
     pub(crate) fn residual(&self, camera: &Vector4<f64>) -> Option<Residual> {
-        let by_camera = derivatives_by_camera(|camera| self.value(camera), camera)?;
-        Some(Residual {
-            value: self.value(camera)?,
-            by_camera: MatrixXx4::from_columns(&by_camera),
-            components: self.components(camera)?,
-        })
+        let by_camera = derivatives_by_camera(|camera| Some(self.error(camera)?.0), camera)?;
+        let (value, components) = self.error(camera)?;
+        Some(Residual { value, by_camera: MatrixXx4::from_columns(&by_camera), components })
     }
 
     /// Returns the negative log likelihood of a camera, up to a constant. `None` if it cannot be evaluated.
     #[must_use]
     pub fn cost(&self, camera: &Vector4<f64>) -> Option<f64> {
-        let value = self.value(camera)?;
-        let density: f64 = self.components(camera)?.iter().map(|component| component.density(&value)).sum();
+        let (value, components) = self.error(camera)?;
+        let density: f64 = components.iter().map(|component| component.density(&value)).sum();
         Some(-density.ln())
     }
 
-    fn value(&self, camera: &Vector4<f64>) -> Option<DVector<f64>> {
+    /// Returns the error at a camera, measured minus predicted, and the components of its distribution.
+    fn error(&self, camera: &Vector4<f64>) -> Option<(DVector<f64>, Vec<Component>)> {
         match self {
-            Self::Survey(survey) => Some(survey.value(camera)),
-            Self::Length(length) => length.value(camera),
-            Self::Vertical(vertical) => Some(vertical.value(camera)),
-        }
-    }
-
-    fn components(&self, camera: &Vector4<f64>) -> Option<Vec<Component>> {
-        match self {
-            Self::Survey(survey) => Some(survey.components()),
-            Self::Length(length) => length.components(camera),
-            Self::Vertical(vertical) => vertical.components(camera),
+            Self::Survey(survey) => Some(survey.error(camera)),
+            Self::Length(length) => length.error(camera),
+            Self::Vertical(vertical) => vertical.error(camera),
         }
     }
 }

@@ -86,25 +86,11 @@ impl Fold {
     pub fn is_certain(&self) -> bool {
         self.log_evidence >= Self::CERTAIN
     }
-
-    /// Whether a point of the picture lies beyond the line. It is relative to the principal point, without lens
-    /// distortion, px.
-    #[must_use]
-    pub fn is_beyond(&self, point_px: &Vector2<f64>) -> bool {
-        is_beyond(&self.line, point_px)
-    }
 }
 
-fn is_beyond(line: &Vector3<f64>, point_px: &Vector2<f64>) -> bool {
+/// Whether a point of the picture lies beyond a line. It is relative to the principal point, without lens distortion, px.
+pub(crate) fn is_beyond(line: &Vector3<f64>, point_px: &Vector2<f64>) -> bool {
     line.dot(&point_px.push(1.0)) > 0.0
-}
-
-/// A fold at a given line.
-#[derive(Clone, Copy)]
-struct Turn {
-    line: Vector3<f64>,
-    angle_rad: f64,
-    log_evidence: f64,
 }
 
 /// Collects the evidence of windows on the shape of the ground.
@@ -133,18 +119,20 @@ impl GroundEvidence {
     pub fn fold(&self) -> Option<Fold> {
         let weights = self.weights();
         let lines = self.lines();
-        let turns: Vec<Turn> = lines.iter().filter_map(|line| self.at_line(line, &weights)).collect();
-        let best = turns.iter().copied().max_by(|a, b| a.log_evidence.total_cmp(&b.log_evidence))?;
-        let shares = turns.iter().map(|turn| (turn.log_evidence - best.log_evidence).exp());
-        let mean = shares.sum::<f64>() / lines.len() as f64;
-        let (beyond, here): (Vec<_>, Vec<_>) = self.feet().partition(|foot| is_beyond(&best.line, foot));
+        // Log evidence, angle and line of the fold at each line.
+        let at_line = |line: &Vector3<f64>| {
+            self.at_line(line, &weights).map(|(log_evidence, angle_rad)| (log_evidence, angle_rad, *line))
+        };
+        let folds: Vec<(f64, f64, Vector3<f64>)> = lines.iter().filter_map(at_line).collect();
+        let (most, angle_rad, line) = folds.iter().copied().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let mean = folds.iter().map(|fold| (fold.0 - most).exp()).sum::<f64>() / lines.len() as f64;
+        let (beyond, here): (Vec<_>, Vec<_>) = self.feet().partition(|foot| is_beyond(&line, foot));
         let middle = |feet: &[Vector2<f64>]| feet.iter().sum::<Vector2<f64>>() / feet.len() as f64;
         let (line, middles_px) = match beyond.len() > here.len() {
-            true => (-best.line, [middle(&beyond), middle(&here)]),
-            false => (best.line, [middle(&here), middle(&beyond)]),
+            true => (-line, [middle(&beyond), middle(&here)]),
+            false => (line, [middle(&here), middle(&beyond)]),
         };
-        let log_evidence = best.log_evidence + mean.ln();
-        Some(Fold { line, middles_px, angle_rad: best.angle_rad, log_evidence })
+        Some(Fold { line, middles_px, angle_rad, log_evidence: most + mean.ln() })
     }
 
     /// Returns the feet of all views, px.
@@ -190,8 +178,8 @@ impl GroundEvidence {
         weights
     }
 
-    /// Returns the most likely fold at a line; `None` where the cars do not determine it.
-    fn at_line(&self, line: &Vector3<f64>, weights: &[Vec<f64>]) -> Option<Turn> {
+    /// Returns log evidence and angle (rad) of the most likely fold at a line; `None` where the cars do not determine it.
+    fn at_line(&self, line: &Vector3<f64>, weights: &[Vec<f64>]) -> Option<(f64, f64)> {
         // The errors by size are those of all windows. The plane is one per window.
         let by_size = Vector2::from(BY_SIZE_SD).map(|sd| 1.0 / (sd * sd)).push(0.0);
         let (mut hessian, mut gradient) = (Matrix3::from_diagonal(&by_size), Vector3::zeros());
@@ -218,7 +206,7 @@ impl GroundEvidence {
         let steep = component(VerticalVanishingPoint::STEEP_SD, steep);
         let (likely, other) = if level.0 > steep.0 { (level, steep) } else { (steep, level) };
         let log_evidence = likely.0 + (other.0 - likely.0).exp().ln_1p();
-        log_evidence.is_finite().then_some(Turn { line: *line, angle_rad: likely.1, log_evidence })
+        log_evidence.is_finite().then_some((log_evidence, likely.1))
     }
 }
 
@@ -353,8 +341,8 @@ mod tests {
             let upside = if fold.line.dot(&line) > 0.0 { 1.0 } else { -1.0 };
             for x in [-300.0, 0.0, 300.0] {
                 let on_line = Vector2::new(x, 45.0 + 0.1 * x);
-                assert!(fold.is_beyond(&(on_line - Vector2::new(0.0, 70.0 * upside))), "{fold:?}");
-                assert!(!fold.is_beyond(&(on_line + Vector2::new(0.0, 70.0 * upside))), "{fold:?}");
+                assert!(is_beyond(&fold.line, &(on_line - Vector2::new(0.0, 70.0 * upside))), "{fold:?}");
+                assert!(!is_beyond(&fold.line, &(on_line + Vector2::new(0.0, 70.0 * upside))), "{fold:?}");
             }
         }
     }

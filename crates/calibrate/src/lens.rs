@@ -102,7 +102,7 @@ impl LensView {
     fn logs(&self, but: Option<usize>) -> Vec<f64> {
         let sides = || (0..SIDES).filter(|side| but != Some(*side)).map(|side| &self.sides[side]);
         let of_kind = |i: usize, kind: usize| sides().map(|side| side[kind][i]).sum::<f64>();
-        let of_turns = |bend: f64| self.turned.map_or(0.0, |turned| turned.log_likelihood(bend));
+        let of_turns = |bend: f64| self.turned.map_or(0.0, |[mean, sd]| -0.5 * ((bend - mean) / sd).powi(2));
         let bends = self.bends.iter().enumerate();
         bends.map(|(i, bend)| of_turns(*bend) + log_sum((0..KINDS).map(|kind| of_kind(i, kind)))).collect()
     }
@@ -111,8 +111,8 @@ impl LensView {
     /// show one. The cars are not used.
     #[must_use]
     pub fn found(&self, log_focal: LogFocal) -> Option<(Lens, f64)> {
-        if self.turned.is_some_and(|turned| turned.sd <= STRAIGHT_SD) {
-            let [mean, sd] = self.posterior(log_focal)?;
+        if self.turned.is_some_and(|[_, sd]| sd <= STRAIGHT_SD) {
+            let [mean, sd] = self.distortion(log_focal)?;
             return Some((Lens::with_distortion(mean, self.size), sd));
         }
         let bent = self.prior(log_focal, 0.0);
@@ -131,21 +131,17 @@ impl LensView {
         (gain(None) > LEAST_GAIN && of_rest > 0.0).then(|| (Lens::with_distortion(mean, self.size), sd))
     }
 
-    /// Returns the posterior mean and sd of the distortion, given the focal length.
+    /// Returns the posterior mean and sd of the distortion, given the focal length; `None` where they are not finite. The
+    /// odds of a picture without distortion are even.
     #[must_use]
-    pub fn distortion(&self, log_focal: LogFocal) -> [f64; 2] {
-        self.posterior(log_focal).unwrap_or_default()
-    }
-
-    /// As [`Self::distortion`]; `None` where it is not finite. The odds of a picture without distortion are even.
-    fn posterior(&self, log_focal: LogFocal) -> Option<[f64; 2]> {
+    pub fn distortion(&self, log_focal: LogFocal) -> Option<[f64; 2]> {
         self.moments(&self.prior(log_focal, 0.5))
     }
 
     /// Returns the sd of the distortion about that of `lens`, given the focal length.
     #[must_use]
     pub fn sd_about(&self, lens: Lens, log_focal: LogFocal) -> f64 {
-        let [mean, sd] = self.distortion(log_focal);
+        let [mean, sd] = self.distortion(log_focal).unwrap_or_default();
         (mean - lens.distortion(self.size)).hypot(sd)
     }
 
@@ -201,11 +197,11 @@ pub(crate) fn bend_of_lenses(focal_px: f64, size: ImageSize) -> [f64; 2] {
 
 /// Returns the grid of distortions: the whole range, or the part that an accurate turn allows, with a finer step.
 fn grid(turned: Option<TurnedLens>) -> Vec<f64> {
-    let accurate = turned.filter(|turned| FINE[1] * turned.sd < STEP);
-    let (ends, step) = accurate.map_or((BENDS, STEP), |turned| {
-        let reach = FINE[0] * turned.sd;
-        let middle = turned.bend.clamp(BENDS[0] + reach, BENDS[1] - reach);
-        ([middle - reach, middle + reach], FINE[1] * turned.sd)
+    let accurate = turned.filter(|[_, sd]| FINE[1] * sd < STEP);
+    let (ends, step) = accurate.map_or((BENDS, STEP), |[mean, sd]| {
+        let reach = FINE[0] * sd;
+        let middle = mean.clamp(BENDS[0] + reach, BENDS[1] - reach);
+        ([middle - reach, middle + reach], FINE[1] * sd)
     });
     let count = ((ends[1] - ends[0]) / step).round() as usize;
     (0..=count).map(|i| ends[0] + step * i as f64).collect()
@@ -316,12 +312,12 @@ mod tests {
 
     #[test]
     fn a_turn_shows_the_lens_more_accurately_than_the_grid() {
-        let turned = TurnedLens { bend: -0.0315, sd: 0.0008 };
+        let turned = [-0.0315, 0.0008];
         let found = LensView::of(&[], Some(turned), SIZE).found(ANY).unwrap();
         assert!((found.0.distortion(SIZE) + 0.0315).abs() < 2e-4, "{found:?}");
         assert!((found.1 / 0.0008).ln().abs() < 0.1, "{found:?}");
         // A small turn says less than the assumption of no distortion.
-        let vague = TurnedLens { bend: -0.0315, sd: 0.03 };
+        let vague = [-0.0315, 0.03];
         assert_eq!(LensView::of(&[], Some(vague), SIZE).found(ANY), None);
     }
 

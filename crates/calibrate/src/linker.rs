@@ -92,10 +92,20 @@ impl Linker {
             update(link, &frame.cars[car], time_s);
             names[car] = Some(link.id);
         }
-        for car in order {
-            if names[car].is_none() {
-                names[car] = Some(self.start(&frame.cars[car], time_s));
-            }
+        for i in order.into_iter().filter(|i| names[*i].is_none()).collect::<Vec<_>>() {
+            let CarRecord { bbox_px, class, .. } = frame.cars[i];
+            names[i] = Some(self.next);
+            self.links.push(Link {
+                id: self.next,
+                bbox_px,
+                class,
+                velocity_px_s: Vector2::zeros(),
+                seen: 1,
+                seen_s: time_s,
+                anchor_px: bbox_centre(&bbox_px),
+                anchor_s: time_s,
+            });
+            self.next += 1;
         }
         names.into_iter().flatten().collect()
     }
@@ -103,23 +113,6 @@ impl Linker {
     /// Removes all cars, as after a camera move. Their identifiers are not used again.
     pub fn reset(&mut self) {
         self.links.clear();
-    }
-
-    /// Adds a new car and returns its identifier.
-    fn start(&mut self, car: &CarRecord, time_s: f64) -> LinkId {
-        let id = self.next;
-        self.next += 1;
-        self.links.push(Link {
-            id,
-            bbox_px: car.bbox_px,
-            class: car.class,
-            velocity_px_s: Vector2::zeros(),
-            seen: 1,
-            seen_s: time_s,
-            anchor_px: bbox_centre(&car.bbox_px),
-            anchor_s: time_s,
-        });
-        id
     }
 }
 

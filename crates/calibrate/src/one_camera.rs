@@ -78,13 +78,10 @@ impl<I> OneCamera<I> {
             self.emit(frame, place, position.unwrap_or(PictureMotion::IDENTITY), was_lost);
         }
         let Some(frame) = inference else { return };
-        match now {
-            Some(now) => {
-                self.last = Some(now);
-                self.emit(frame, now.place, now.picture_from_world, self.lost);
-            }
-            None => self.emit(frame, self.place, PictureMotion::IDENTITY, self.lost),
-        }
+        self.last = now.or(self.last);
+        let (place, picture_from_world) =
+            now.map_or((self.place, PictureMotion::IDENTITY), |now| (now.place, now.picture_from_world));
+        self.emit(frame, place, picture_from_world, self.lost);
     }
 
     /// Returns the position of an inference frame; `None` if it is not known. A picture without structure keeps the last
@@ -100,13 +97,13 @@ impl<I> OneCamera<I> {
             }
         }
         // Files of older versions have the shake in place of the motion.
-        if !self.places.is_measured() {
+        if !self.places.is_measured {
             return Some(Position { time_s, place: 0, picture_from_world: shifted(watch.offset()) });
         }
         // A view without a place is elsewhere. A picture without any motion keeps the last position.
         let is_elsewhere = !watch.motion.is_empty()
             || matches!(watch.verdict, PictureVerdict::Unsettled | PictureVerdict::Moving);
-        self.lost = if watch.motion.iter().any(|found| self.places.is_travelling(found.reference)) {
+        self.lost = if watch.motion.iter().any(|found| self.places.travelling.contains(&found.reference)) {
             Some(NotFollowedReason::Travelling)
         } else {
             is_elsewhere.then_some(NotFollowedReason::NotRegistered)
@@ -136,7 +133,7 @@ impl<I> OneCamera<I> {
         let (since_frame, since_s) = (frame.frame, frame.time_s);
         if let Some(watch) = &mut frame.watch {
             watch.left_out = lost.filter(|_| !is_blind);
-            if self.places.is_measured() {
+            if self.places.is_measured {
                 watch.place = Some(place);
                 let cut =
                     CameraMove { kind: MoveKind::Cut, since_frame, since_s, shift_px: None, log_scale: None };

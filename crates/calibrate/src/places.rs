@@ -36,7 +36,7 @@ struct Pictures {
 }
 
 /// Collects the registrations of a clip, frame by frame. Its memory grows with the number of references alone.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct PlacesBuilder {
     lens: Lens,
     /// Distortion at half the picture's width for the focal length from turns, and its sd (dimensionless).
@@ -55,14 +55,7 @@ impl PlacesBuilder {
     /// the world would make it wrong by more than its sd.
     #[must_use]
     pub fn new(lens: Lens, turned: [f64; 2]) -> Self {
-        Self {
-            lens,
-            turned,
-            links: BTreeMap::new(),
-            pictures: BTreeMap::new(),
-            misfits: BTreeMap::new(),
-            size: None,
-        }
+        Self { lens, turned, ..Self::default() }
     }
 
     /// Takes the next frame.
@@ -97,6 +90,7 @@ impl PlacesBuilder {
     /// Returns the places of the clip.
     #[must_use]
     pub fn finish(mut self) -> Places {
+        let Some(size) = self.size else { return Places { lens: self.lens, ..Places::default() } };
         // A camera that is carried along shows no place: parallax makes its pictures differ.
         let is_measured = !self.pictures.is_empty();
         let of_travels = self.misfits.iter().filter(|(_, [misfit, _])| misfit.is_travelling());
@@ -112,10 +106,7 @@ impl PlacesBuilder {
                 open.remove(&reference);
                 place.insert(reference, position);
             }
-            found.push(match self.size {
-                Some(size) => adjusted(place, &links, first, size),
-                None => place,
-            });
+            found.push(adjusted(place, &links, first, size));
         }
         let count_of =
             |place: &BTreeMap<u64, Homography>| place.keys().map(|r| self.pictures[r].count).sum::<u64>();
@@ -127,7 +118,8 @@ impl PlacesBuilder {
             let lasts = last_s - first_s >= MIN_PLACE_S && count_of(place) >= MIN_PICTURES;
             lasts || Some(count_of(place)) == most
         });
-        let turns = found.iter().map(|place| self.turns_at(place)).collect();
+        let turns = found.iter().enumerate().filter_map(|(i, place)| Some((i, self.turns_at(place, size)?)));
+        let turns = turns.collect();
         let numbered = found.into_iter().enumerate();
         let references = numbered
             .flat_map(|(place, references)| {
@@ -140,8 +132,7 @@ impl PlacesBuilder {
     }
 
     /// Returns the focal length from the turns at a place; `None` if they do not determine it.
-    fn turns_at(&self, place: &BTreeMap<u64, Homography>) -> Option<Turns> {
-        let size = self.size?;
+    fn turns_at(&self, place: &BTreeMap<u64, Homography>, size: ImageSize) -> Option<Turns> {
         let [found, changed] = [0, 1].map(|which| {
             let mut all = Misfit::default();
             for (reference, reference_from_world) in place {
@@ -196,11 +187,11 @@ pub struct Places {
     lens: Lens,
     references: BTreeMap<u64, Placed>,
     /// References on which the pictures do not lie as those of a camera that turns and zooms.
-    travelling: BTreeSet<u64>,
-    /// Whether any picture was registered.
-    is_measured: bool,
-    /// Focal length from the turns at each place.
-    turns: Vec<Option<Turns>>,
+    pub(crate) travelling: BTreeSet<u64>,
+    /// Whether the motion of the camera was measured. Files of older versions and of other tools lack it.
+    pub is_measured: bool,
+    /// Focal length from the turns of the camera, by place. Places without such turns are missing.
+    pub turns: BTreeMap<usize, Turns>,
 }
 
 impl Places {
@@ -212,21 +203,5 @@ impl Places {
         let picture_from_reference = registration.homography_for(self.lens.distortion(size));
         let homography = placed.reference_from_world.then(&picture_from_reference);
         Some((placed.place, PictureMotion::new(homography, self.lens, size)))
-    }
-
-    /// Returns the focal length from the turns of the camera, by place. Places without such turns are missing.
-    pub fn turns(&self) -> impl Iterator<Item = (usize, Turns)> + '_ {
-        self.turns.iter().enumerate().filter_map(|(place, turns)| Some((place, (*turns)?)))
-    }
-
-    /// Whether the camera was carried along while pictures were registered on this reference.
-    pub(crate) fn is_travelling(&self, reference: u64) -> bool {
-        self.travelling.contains(&reference)
-    }
-
-    /// Whether the motion of the camera was measured. Files of older versions and of other tools lack it.
-    #[must_use]
-    pub fn is_measured(&self) -> bool {
-        self.is_measured
     }
 }

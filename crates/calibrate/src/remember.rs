@@ -159,7 +159,7 @@ impl<'a> Epoch<'a> {
     fn fit(&self, clip: &CameraEvidence, options: &FuseOptions) -> Option<f64> {
         let known = fuse(&self.windows, options).pop()?;
         // Numbers without evidence in the clip get a large, but finite, variance.
-        let weak = Matrix4::from_diagonal(&options.prior.sd.map(|sd| 1e-4 / (sd * sd)));
+        let weak = Matrix4::from_diagonal(&options.prior_sd.map(|sd| 1e-4 / (sd * sd)));
         let own = (clip.joint().information + weak).try_inverse()?;
         let factor = (own + known.covariance).cholesky()?;
         let away: Vector4<f64> = clip.camera_params().to_vector() - known.params.to_vector();

@@ -1,29 +1,36 @@
 //! Collects the observations of one car while its box stays near one position in the picture.
 
-use roadplane_base::{CarRecord, KeypointSet, bbox_centre, median};
+use roadplane_base::{CarRecord, KeypointSet, bbox_centre, bbox_longer_side, median};
 
-use crate::{combine, linker::CENTRE_SD};
+use crate::{LinkId, combine, linker::CENTRE_SD};
 
-/// One observation of the car.
+/// One view of one car, as the joint solve reads it. Views with the same `link` share one shape.
 #[derive(Clone, Debug)]
-pub(crate) struct Look {
-    /// Index of the frame.
-    pub frame: u64,
-    /// Box of the car: left, top, right, bottom, px.
-    pub bbox_px: [f64; 4],
-    /// The picture of the frame as a box, px.
-    pub picture_px: [f64; 4],
-    /// Quality of the observation (px, larger is better): score, keypoints, size and completeness.
-    pub quality: f64,
-    /// Keypoints of the car, px.
+pub struct View {
+    /// Identifier of the car.
+    pub link: LinkId,
+    /// Keypoints, px; combined over the frames of the view where the car was stationary.
     pub keypoints: Box<KeypointSet>,
+    /// Box of the car in one frame of the view, px.
+    pub bbox_px: [f64; 4],
+    /// The picture of that frame as a box, px.
+    pub picture_px: [f64; 4],
+    /// Weight of the view's evidence, 0–1. It is below 1 where the car gives several views, which share a part of their
+    /// bias.
+    pub weight: f64,
+    /// Whether the car was stationary.
+    pub parked: bool,
+    /// Index of that frame.
+    pub(crate) frame: u64,
+    /// Quality of the view (px, larger is better): score, keypoints, size and completeness.
+    pub(crate) quality: f64,
 }
 
 /// Observations of a car whose box stayed near its first one. Even thinning bounds the memory.
 #[derive(Clone, Debug)]
 pub(crate) struct Stretch {
     /// The observations that are kept, in the order of time.
-    looks: Vec<Look>,
+    looks: Vec<View>,
     /// Only every `stride`-th observation is kept.
     stride: u64,
     /// Number of all observations, kept or not.
@@ -35,7 +42,7 @@ const MAX_LOOKS: usize = 64;
 
 impl Stretch {
     /// Starts with one observation.
-    pub(crate) fn new(look: Look) -> Self {
+    pub(crate) fn new(look: View) -> Self {
         Self { looks: vec![look], stride: 1, seen: 1 }
     }
 
@@ -55,7 +62,7 @@ impl Stretch {
     }
 
     /// Adds an observation. When the memory is full, every second observation is dropped.
-    pub(crate) fn push(&mut self, look: Look) {
+    pub(crate) fn push(&mut self, look: View) {
         if self.seen.is_multiple_of(self.stride) {
             if self.looks.len() == MAX_LOOKS {
                 let mut keep = false;
@@ -72,27 +79,21 @@ impl Stretch {
         self.seen += 1;
     }
 
-    /// Returns the best observation, and whether the car was stationary. If most observations are stationary, the
-    /// keypoints are combined over these.
-    pub(crate) fn view(&self) -> Option<(Look, bool)> {
+    /// Returns the best observation. If most observations are stationary, the keypoints are combined over these.
+    pub(crate) fn view(&self) -> Option<View> {
         let axis = |axis: usize| {
             median(&mut self.looks.iter().map(|l| bbox_centre(&l.bbox_px)[axis]).collect::<Vec<_>>())
         };
         let middle = nalgebra::Vector2::new(axis(0)?, axis(1)?);
-        let away = |look: &Look| (bbox_centre(&look.bbox_px) - middle).norm();
-        let [x0, y0, x1, y1] = self.looks.first()?.bbox_px;
-        let bound = CENTRE_SD * (x1 - x0).max(y1 - y0) + 1.0;
-        let still: Vec<&Look> = self.looks.iter().filter(|look| away(look) <= bound).collect();
-        let best = |looks: &[&Look]| -> Option<Look> {
-            looks
-                .iter()
-                .max_by(|a, b| a.quality.total_cmp(&b.quality).then(b.frame.cmp(&a.frame)))
-                .map(|l| (*l).clone())
-        };
+        let away = |look: &View| (bbox_centre(&look.bbox_px) - middle).norm();
+        let bound = CENTRE_SD * bbox_longer_side(&self.looks.first()?.bbox_px) + 1.0;
+        let still: Vec<&View> = self.looks.iter().filter(|look| away(look) <= bound).collect();
+        let by_quality = |a: &&View, b: &&View| a.quality.total_cmp(&b.quality).then(b.frame.cmp(&a.frame));
         if still.len() < 3 || 2 * still.len() < self.looks.len() {
-            return Some((best(&self.looks.iter().collect::<Vec<_>>())?, false));
+            return self.looks.iter().max_by(by_quality).cloned();
         }
         let sets: Vec<&KeypointSet> = still.iter().map(|look| look.keypoints.as_ref()).collect();
-        Some((Look { keypoints: combine(&sets), ..best(&still)? }, true))
+        let best = still.into_iter().max_by(by_quality)?.clone();
+        Some(View { keypoints: combine(&sets), parked: true, ..best })
     }
 }

@@ -13,21 +13,8 @@ use roadplane_base::Registration;
 /// value is a little more cautious.
 pub(crate) const INDEPENDENT: f64 = 8.0;
 
-/// The distortion that the turns of the camera show, without unit ([`roadplane_base::Lens::distortion`]).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TurnedLens {
-    /// Distortion at half the picture's width.
-    pub bend: f64,
-    /// Sd of `bend`.
-    pub sd: f64,
-}
-
-impl TurnedLens {
-    /// Returns the log likelihood of a distortion, up to a constant.
-    pub(crate) fn log_likelihood(&self, bend: f64) -> f64 {
-        -0.5 * ((bend - self.bend) / self.sd).powi(2)
-    }
-}
+/// Mean and sd of the distortion that the turns of the camera show, without unit ([`roadplane_base::Lens::distortion`]).
+pub type TurnedLens = [f64; 2];
 
 /// Weighted sums over measurements of the distortion.
 #[derive(Clone, Copy, Debug, Default)]
@@ -80,7 +67,7 @@ impl TurnedLensBuilder {
             all.add(sums.mean(), share * sums.weight / sums.excess());
         }
         let sd = (all.excess() / all.weight).sqrt();
-        (all.count > 0.0 && sd.is_finite()).then(|| TurnedLens { bend: all.mean(), sd })
+        (all.count > 0.0 && sd.is_finite()).then(|| [all.mean(), sd])
     }
 }
 
@@ -99,8 +86,8 @@ mod tests {
         let mut builder = TurnedLensBuilder::default();
         assert_eq!(builder.finish(), None);
         (0..100).for_each(|_| builder.push(&registration(0, -0.03, 0.002)));
-        let found = builder.finish().unwrap();
-        assert!((found.bend + 0.03).abs() < 1e-12 && (found.sd - 0.002 / INDEPENDENT.sqrt()).abs() < 1e-9);
+        let [bend, sd] = builder.finish().unwrap();
+        assert!((bend + 0.03).abs() < 1e-12 && (sd - 0.002 / INDEPENDENT.sqrt()).abs() < 1e-9);
     }
 
     #[test]
@@ -108,7 +95,7 @@ mod tests {
         let mut builder = TurnedLensBuilder::default();
         builder.push(&registration(0, -0.03, 0.002));
         builder.push(&registration(40, 0.01, 0.002));
-        let found = builder.finish().unwrap();
-        assert!((found.bend + 0.01).abs() < 1e-12 && found.sd > 0.015, "{found:?}");
+        let [bend, sd] = builder.finish().unwrap();
+        assert!((bend + 0.01).abs() < 1e-12 && sd > 0.015, "{bend} ± {sd}");
     }
 }

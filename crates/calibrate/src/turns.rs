@@ -7,7 +7,7 @@
 use nalgebra::{Matrix3, Matrix4, Vector2, Vector3, Vector4};
 use roadplane_base::{Camera, Homography, ImageSize, Registration, Turn, bbox_grid};
 
-use crate::factors::{Factor, Survey, WEAKEST};
+use crate::factors::WEAKEST;
 use crate::turned_lens::INDEPENDENT;
 
 /// Number of focal lengths of the grid.
@@ -53,14 +53,6 @@ pub struct Turns {
     pub focal_px: f64,
     /// Sd of the logarithm of the focal length.
     pub log_sd: f64,
-}
-
-impl Turns {
-    /// Returns the factor on the camera.
-    #[must_use]
-    pub fn factor(&self) -> Factor {
-        Factor::Survey(Survey::of_number(0, self.focal_px.ln(), self.log_sd))
-    }
 }
 
 impl Misfit {

@@ -222,7 +222,7 @@ pub(crate) fn solve_constrained_clip(
         .into_iter()
         .chain(contradictions)
         .chain(not_compared_in_words(cameras.not_compared))
-        .chain(constraints.silent_later().filter(|_| cameras.moves() > 0))
+        .chain(constraints.silent_later().filter(|_| cameras.visits.len() > 1))
         .collect();
     let not_followed = follow.finish();
     let on_motion = not_followed.in_words();

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector, Vector2, Vector3, Vector4};
 use roadplane_base::{Camera, CameraParams};
 
-use super::Component;
+use super::residual::Component;
 
 /// A known distance between two pixels on the ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,14 +40,11 @@ impl Length {
     }
 
     /// Returns the log of the given over the measured length.
-    pub(super) fn value(&self, camera: &Vector4<f64>) -> Option<DVector<f64>> {
-        let (length, _) = self.measured(camera)?;
-        Some(DVector::from_element(1, (self.length_m / length).ln())).filter(|value| value[0].is_finite())
-    }
-
-    pub(super) fn components(&self, camera: &Vector4<f64>) -> Option<Vec<Component>> {
-        let (_, log_sd) = self.measured(camera)?;
-        Some(vec![Component { share: 1.0, information: DMatrix::from_element(1, 1, log_sd.powi(-2)) }])
+    pub(super) fn error(&self, camera: &Vector4<f64>) -> Option<(DVector<f64>, Vec<Component>)> {
+        let (length, log_sd) = self.measured(camera)?;
+        let value = DVector::from_element(1, (self.length_m / length).ln());
+        let component = Component { share: 1.0, information: DMatrix::from_element(1, 1, log_sd.powi(-2)) };
+        value[0].is_finite().then(|| (value, vec![component]))
     }
 }
 

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix4, Vector4};
 
-use super::Component;
+use super::residual::Component;
 
 /// A measurement of camera parameters: log focal (px), tilt (rad), roll (rad) and log height (m).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -25,12 +25,9 @@ impl Survey {
         Self { mean: Vector4::ith(which, value), information, by_cars: false }
     }
 
-    pub(super) fn value(&self, camera: &Vector4<f64>) -> DVector<f64> {
-        DVector::from_column_slice((self.mean - camera).as_slice())
-    }
-
-    pub(super) fn components(&self) -> Vec<Component> {
+    pub(super) fn error(&self, camera: &Vector4<f64>) -> (DVector<f64>, Vec<Component>) {
         let information = DMatrix::from_column_slice(4, 4, self.information.as_slice());
-        vec![Component { share: 1.0, information }]
+        let value = DVector::from_column_slice((self.mean - camera).as_slice());
+        (value, vec![Component { share: 1.0, information }])
     }
 }

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector, Matrix2, Vector2, Vector4};
 use roadplane_base::CameraParams;
 
-use super::Component;
+use super::residual::Component;
 
 /// The vanishing point of vertical lines.
 ///
@@ -31,15 +31,11 @@ impl VerticalVanishingPoint {
     /// Share of steep streets, 0–1.
     pub const STEEP_SHARE: f64 = 0.3;
 
-    pub(super) fn value(&self, camera: &Vector4<f64>) -> DVector<f64> {
+    /// Returns the error, with the components of a nearly level and of a steep street.
+    pub(super) fn error(&self, camera: &Vector4<f64>) -> Option<(DVector<f64>, Vec<Component>)> {
         let params = CameraParams::from_vector(camera);
         let expected = params.tilt.tan() / params.focal_px();
-        DVector::from_column_slice(&[self.inverse_distance - expected, self.roll - params.roll])
-    }
-
-    /// Returns the components of a nearly level and of a steep street.
-    pub(super) fn components(&self, camera: &Vector4<f64>) -> Option<Vec<Component>> {
-        let params = CameraParams::from_vector(camera);
+        let value = DVector::from_column_slice(&[self.inverse_distance - expected, self.roll - params.roll]);
         let cos = params.tilt.cos();
         let sloped = |slope_sd: f64, share: f64| {
             let of_slope = Vector2::new(1.0 / (cos * cos * params.focal_px()), 1.0 / cos) * slope_sd;
@@ -48,6 +44,6 @@ impl VerticalVanishingPoint {
             Some(Component { share, information: DMatrix::from_column_slice(2, 2, information.as_slice()) })
         };
         let steep = Self::STEEP_SHARE;
-        Some(vec![sloped(Self::SLOPE_SD, 1.0 - steep)?, sloped(Self::STEEP_SD, steep)?])
+        Some((value, vec![sloped(Self::SLOPE_SD, 1.0 - steep)?, sloped(Self::STEEP_SD, steep)?]))
     }
 }

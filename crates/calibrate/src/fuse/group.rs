@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{CameraParams, JointInformation, StudentT, weighted_median};
 
-use super::FuseOptions;
-use crate::{CarIdentity, CarUse, WindowEstimate};
+use super::options::FuseOptions;
+use super::window::{CarIdentity, CarUse, WindowEstimate};
 
 /// Correlation of the keypoint bias between two views of a moving car, in one window or in two.
 pub(crate) const VIEW_CORRELATION: f64 = 0.25;
@@ -43,8 +43,8 @@ fn shares(group: &[&WindowEstimate]) -> Vec<f64> {
 /// If windows scatter more than their covariances allow, the covariance is widened (Birge's ratio).
 pub(super) fn together(group: &[&WindowEstimate], options: &FuseOptions) -> JointInformation {
     let shares = shares(group);
-    let prior_information = Matrix4::from_diagonal(&options.prior.sd.map(|sd| 1.0 / (sd * sd)));
-    let prior = options.prior.params.to_vector();
+    let prior_information = Matrix4::from_diagonal(&options.prior_sd.map(|sd| 1.0 / (sd * sd)));
+    let prior = options.prior.to_vector();
     let mut centre = Vector4::from_fn(|i, _| {
         let mut values: Vec<(f64, f64)> = group
             .iter()
@@ -101,24 +101,20 @@ pub fn condense(windows: &[WindowEstimate], options: &FuseOptions) -> Option<Win
     Some(WindowEstimate {
         span_s: span_s(&usable),
         frames: usable.iter().map(|window| window.frames).sum(),
-        params: CameraParams::from_vector(&mean(&joint.information, &joint.vector, options)?),
+        params: CameraParams::from_vector(&mean(&joint, options)?),
         joint,
         cars,
         segment: first.segment,
     })
 }
 
-/// Returns the mean of evidence, which may be singular. `vector` is the information times the mean.
+/// Returns the mean of evidence, which may be singular.
 ///
 /// A very weak prior keeps the numbers finite where there is no information.
-pub(super) fn mean(
-    information: &Matrix4<f64>,
-    vector: &Vector4<f64>,
-    options: &FuseOptions,
-) -> Option<Vector4<f64>> {
-    let weak = Matrix4::from_diagonal(&options.prior.sd.map(|sd| 1e-6 / (sd * sd)));
-    let weighted = vector + weak * options.prior.params.to_vector();
-    Some((information + weak).cholesky()?.solve(&weighted))
+pub(super) fn mean(joint: &JointInformation, options: &FuseOptions) -> Option<Vector4<f64>> {
+    let weak = Matrix4::from_diagonal(&options.prior_sd.map(|sd| 1e-6 / (sd * sd)));
+    let weighted = joint.vector + weak * options.prior.to_vector();
+    Some((joint.information + weak).cholesky()?.solve(&weighted))
 }
 
 /// Returns the first and last time of a group, s.

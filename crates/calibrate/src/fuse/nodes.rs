@@ -6,9 +6,8 @@
 
 use nalgebra::{Matrix4, SMatrix, SVector, Vector4};
 
-use super::FuseOptions;
 use super::evidence::Evidence;
-use crate::prior::LEAST_SD;
+use super::options::{FuseOptions, LEAST_SD};
 
 /// The state (log f, tilt, roll, log h', log s): the camera and the size of the cars.
 type State = SVector<f64, 5>;
@@ -62,9 +61,9 @@ fn into_metres() -> SMatrix<f64, 4, 5> {
 
 /// Returns the posterior at each node given all nodes. `options` has the priors.
 pub(super) fn smooth(nodes: &[Node], options: &FuseOptions) -> Vec<Gaussian> {
-    let FuseOptions { prior, size_of_cars_sd, is_folded, .. } = options;
-    let variance = prior.sd.map(|sd| sd * sd).push(size_of_cars_sd.max(LEAST_SD).powi(2));
-    let start = Gaussian(prior.params.to_vector().push(0.0), Square::from_diagonal(&variance));
+    let FuseOptions { prior, prior_sd, size_of_cars_sd, is_folded, .. } = options;
+    let variance = prior_sd.map(|sd| sd * sd).push(size_of_cars_sd.max(LEAST_SD).powi(2));
+    let start = Gaussian(prior.to_vector().push(0.0), Square::from_diagonal(&variance));
     // 1 for each number that all positions have in common, and 0 for the others.
     let shared = State::new(if *is_folded { 1.0 } else { 0.0 }, 0.0, 0.0, 0.0, 1.0);
     let mut predicted: Vec<Gaussian> = Vec::with_capacity(nodes.len());

@@ -198,7 +198,7 @@ fn without_evidence_the_prior_stays_and_is_said() {
     let fused = fuse(&[nothing.clone()], &options());
     assert_eq!(fused[0].status, CameraStatus::Unobservable);
     let sd = fused[0].covariance.diagonal().map(f64::sqrt);
-    assert!((sd - options().prior.sd).norm() < 1e-9);
+    assert!((sd - options().prior_sd).norm() < 1e-9);
     // The tilt and the height are determined, the focal length is not.
     let mut weak = window(0, &truth(), parked(0..2));
     let little = Matrix4::from_diagonal(&Vector4::new(0.1, 1e4, 1e4, 1e3));

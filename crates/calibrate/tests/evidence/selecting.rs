@@ -50,7 +50,9 @@ fn bounds_are_kept_and_cars_share_them() {
         bbox_px: [10.0, 60.0 * f64::from(i), 110.0, 60.0 * f64::from(i) + 50.0],
         velocity_px_s: [400.0, 0.0],
     }));
-    let views = views(&cars, 100, 25.0, ViewSelector::new(20, 60));
+    let mut selector = ViewSelector::default();
+    selector.max_views = 20;
+    let views = views(&cars, 100, 25.0, selector);
     assert_eq!(views.len(), 20);
     let mut of_link: BTreeMap<u64, usize> = BTreeMap::new();
     views.iter().for_each(|v| *of_link.entry(v.link).or_default() += 1);
@@ -78,7 +80,8 @@ fn what_is_found_once_comes_after_what_is_found_again_and_only_until_there_is_en
     for (row, enough_views, (of_cars, of_others)) in [(5, 60, (10, 10)), (10, 60, (20, 0)), (5, 12, (10, 2))]
     {
         let mut linker = Linker::default();
-        let mut selector = ViewSelector::new(20, enough_views);
+        let mut selector = ViewSelector::default();
+        (selector.max_views, selector.enough_views) = (20, enough_views);
         let mut random = Rng::new(1);
         let mut found_once: BTreeSet<u64> = BTreeSet::new();
         for i in 0..36 {

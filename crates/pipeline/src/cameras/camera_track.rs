@@ -2,12 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use roadplane_base::{CameraEstimate, CameraEvidence};
+use roadplane_base::{CameraEstimate, CameraEvidence, PictureMotion};
 use roadplane_calibrate::SceneView;
 use roadplane_geo::{NotPlaced, Place, Site};
 use roadplane_write::ConstraintSummary;
-
-use crate::cameras::empty_scene_view::EmptySceneView;
 
 /// The estimated camera at every time of a clip.
 #[derive(Clone, Debug, Default)]
@@ -26,8 +24,9 @@ pub struct CameraTrack {
     pub(crate) not_compared: usize,
     /// Vertical lines and turns, by camera position.
     pub scene: Vec<SceneView>,
-    /// View of the picture of the empty scene; `None` if it does not show the last position of the camera.
-    pub(crate) empty_scene: Option<EmptySceneView>,
+    /// Mapping from the world picture of the last position to the picture of the empty scene; `None` if that picture
+    /// shows another position.
+    pub(crate) scene_from_world: Option<PictureMotion>,
 }
 
 /// An interval in which the camera is at one position.
@@ -39,19 +38,11 @@ pub(crate) struct Visit {
     pub span_s: [f64; 2],
 }
 
-/// Returns the number of camera positions. The camera may end at an earlier one.
-pub(super) fn positions(visits: &[Visit]) -> usize {
-    visits.iter().map(|visit| visit.position + 1).max().unwrap_or(1)
-}
-
 /// Returns the estimates of the positions in the order of time, one for each visit.
 pub(super) fn by_visits(
     estimates: &BTreeMap<usize, CameraEstimate>,
     visits: &[Visit],
 ) -> Vec<CameraEstimate> {
-    if visits.is_empty() {
-        return estimates.values().cloned().collect();
-    }
     let of_visit = |visit: &Visit| {
         let estimate = estimates.get(&visit.position)?;
         let span_s = [estimate.span_s[0].max(visit.span_s[0]), estimate.span_s[1].min(visit.span_s[1])];
@@ -67,12 +58,6 @@ impl CameraTrack {
     #[must_use]
     pub fn last_position(&self) -> usize {
         self.visits.last().map_or(0, |visit| visit.position)
-    }
-
-    /// Returns the number of camera moves.
-    #[must_use]
-    pub fn moves(&self) -> usize {
-        self.visits.len().saturating_sub(1)
     }
 
     /// Returns the index of the camera position at a time, from 0. All visits to a position have the same index.
@@ -122,13 +107,6 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_camera_that_comes_back_has_all_its_positions() {
-        let visit = |position: usize| Visit { position, span_s: [0.0, 1.0] };
-        assert_eq!(positions(&[0, 1, 0].map(visit)), 2);
-        assert_eq!(positions(&[]), 1);
-    }
-
-    #[test]
     fn each_visit_has_the_estimate_of_its_position() {
         let options = roadplane_calibrate::FuseOptions::for_image(roadplane_base::ImageSize {
             width: 1280,
@@ -145,6 +123,5 @@ mod tests {
         assert_eq!(spans([1.0, 11.0], 0), [[1.0, 4.0], [8.0, 11.0]]);
         assert_eq!(spans([9.0, 11.0], 0), [[0.0, 4.0], [9.0, 11.0]], "no cars in the first visit");
         assert_eq!(spans([5.0, 7.0], 1), [[5.0, 7.0]], "position 0 has no estimate");
-        assert_eq!(by_visits(&[(0, options.unobservable([0.0; 2]))].into(), &[]).len(), 1);
     }
 }

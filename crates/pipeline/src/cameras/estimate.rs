@@ -7,14 +7,14 @@ use roadplane_base::{
     CameraEstimate, FrameRecord, ImageSize, Lens, ParkedCar, Registration, SceneLine, ShapeAtlas, bbox_foot,
 };
 use roadplane_calibrate::{
-    CarIdentity, EvidenceBuilder, Fold, FuseOptions, GroundEvidence, Joined, Turns, Window, WindowEstimate,
-    cues, epochs, fuse, join,
+    CarIdentity, EvidenceBuilder, Fold, FuseOptions, GroundEvidence, Joined, Window, WindowEstimate, cues,
+    epochs, fuse, join,
 };
 use roadplane_measure::usable;
 use roadplane_write::FrameReader;
 
-use crate::cameras::camera_track::{CameraTrack, Visit, by_visits, positions};
-use crate::cameras::empty_scene_view::EmptySceneView;
+use crate::cameras::camera_track::{CameraTrack, Visit, by_visits};
+use crate::cameras::empty_scene_view::scene_from_world;
 use crate::cameras::joining::{factors_by_position, fuse_options};
 use crate::cameras::known::CameraConstraints;
 use crate::cameras::lens::LensOfClip;
@@ -69,9 +69,7 @@ pub(crate) fn optics_of(
 pub(crate) struct CameraInputs<'a> {
     /// Lens of the clip, and the motion of its camera.
     pub optics: &'a Optics,
-    /// The shape atlas.
     pub atlas: &'a ShapeAtlas,
-    /// User constraints.
     pub known: &'a CameraConstraints,
     /// Evidence of the camera's other clips.
     pub recall: Option<&'a CameraHistory>,
@@ -79,7 +77,6 @@ pub(crate) struct CameraInputs<'a> {
     pub scene: Option<&'a Registration>,
     /// Whether the ground may be two planes. Surveyed points require one plane.
     pub may_fold: bool,
-    /// The configuration.
     pub config: &'a Config,
 }
 
@@ -163,7 +160,7 @@ impl CameraInputs<'_> {
             }
             take(builder.push(&frame), image_size, &known);
             if let Some(lines) = frame.scene_lines {
-                scene_lines.insert(builder.position(), lines);
+                scene_lines.insert(builder.segment, lines);
             }
         }
         if let Some(size) = size {
@@ -182,12 +179,13 @@ impl CameraInputs<'_> {
             return Some(CameraTrack { visits, ..CameraTrack::default() });
         };
         let position = visits.last().map_or(0, |visit| visit.position);
-        let positions = positions(&visits);
+        // The camera may end at an earlier position.
+        let positions = visits.iter().map(|visit| visit.position + 1).max().unwrap_or(1);
         let mut options = of_clip.count(&windows, fuse_options(size, positions, &known, config));
-        let empty_scene = EmptySceneView::of(self.scene, &optics.places, position, size);
+        let scene_from_world = scene_from_world(self.scene, &optics.places, position, size);
         let evidence = self.recall.and_then(|recall| {
             let options = options.for_cars();
-            let view = empty_scene.as_ref()?;
+            let view = scene_from_world.as_ref()?;
             let (said, cars) = evidence_of(recall, &windows, position, span_s, &parked, view, &options)?;
             let epochs = epochs(&recall.evidence, &look, &options);
             if let Some(epoch) = own_epoch(recall, &said, &epochs, &options) {
@@ -195,12 +193,11 @@ impl CameraInputs<'_> {
             }
             Some(said)
         });
-        let turns: BTreeMap<usize, Turns> = optics.places.turns().collect();
-        if windows.is_empty() && !(known.is_silent() && turns.is_empty()) {
+        if windows.is_empty() && !(known.is_silent() && optics.places.turns.is_empty()) {
             windows.push(WindowEstimate::without_cars(&options, span_s, 0));
         }
         let lines = if config.solve.use_verticals { clip.scene_lines } else { BTreeMap::new() };
-        let cues = cues(lines, &turns, &windows, &options);
+        let cues = cues(lines, &optics.places.turns, &windows, &options);
         for view in &cues {
             view.add_factors(&mut options.factors);
         }
@@ -230,7 +227,7 @@ impl CameraInputs<'_> {
             constraints,
             not_compared,
             scene: cues,
-            empty_scene,
+            scene_from_world,
         })
     }
 }

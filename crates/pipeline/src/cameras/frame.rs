@@ -1,9 +1,7 @@
 //! Estimates the camera of a single frame: as the product does, and by the paper's Algorithm 1.
 
-use nalgebra::Matrix4;
 use roadplane_base::{
-    CameraEstimate, CameraParams, CameraStatus, FrameRecord, ImageSize, KEYPOINTS, KeypointSet, SceneCurve,
-    ShapeAtlas,
+    CameraEstimate, CameraStatus, FrameRecord, ImageSize, KEYPOINTS, KeypointSet, SceneCurve, ShapeAtlas,
 };
 use roadplane_calibrate::{FuseOptions, WindowEstimate, fuse};
 use roadplane_measure::usable;
@@ -73,8 +71,22 @@ pub fn estimate_frame_as_paper(
         .collect();
     let solution = solve_free_scene(atlas, size, &CarView::each(&sets), Some(PLANE_TERMS), &options);
     let cars_used = solution.cars.iter().flatten().count();
-    let camera = (solution.params, solution.covariance);
-    (of_solution(frame, &lens, solution.status, camera, cars_used), solution.cars)
+    let status = match solution.status {
+        SceneStatus::Converged | SceneStatus::NotConverged => CameraStatus::Estimated,
+        SceneStatus::FocalGiven => CameraStatus::FocalGiven,
+        SceneStatus::FocalFromPrior => CameraStatus::FocalFromPrior,
+        SceneStatus::TooFewCars | SceneStatus::Failed => CameraStatus::Unobservable,
+    };
+    let options = FuseOptions { lens: lens.lens, bend_sd: lens.bend_sd, ..FuseOptions::for_image(size) };
+    let camera = CameraEstimate {
+        params: solution.params,
+        covariance: solution.covariance,
+        status,
+        cars_used,
+        frames_used: usize::from(cars_used > 0),
+        ..options.unobservable([frame.time_s; 2])
+    };
+    (camera, solution.cars)
 }
 
 /// Returns everything that precedes the cars: the lens, the user constraints seen through it, and the solver's options.
@@ -89,30 +101,4 @@ fn before_cars(
     let mut options = config.solve.scene_options(known.focal_px());
     options.lens = lens.lens;
     (lens, known, options)
-}
-
-/// Builds the camera estimate of a frame from a solve that used `cars_used` cars.
-fn of_solution(
-    frame: &FrameRecord,
-    lens: &LensOfClip,
-    status: SceneStatus,
-    (params, covariance): (CameraParams, Matrix4<f64>),
-    cars_used: usize,
-) -> CameraEstimate {
-    let status = match status {
-        SceneStatus::Converged | SceneStatus::NotConverged => CameraStatus::Estimated,
-        SceneStatus::FocalGiven => CameraStatus::FocalGiven,
-        SceneStatus::FocalFromPrior => CameraStatus::FocalFromPrior,
-        SceneStatus::TooFewCars | SceneStatus::Failed => CameraStatus::Unobservable,
-    };
-    let options =
-        FuseOptions { lens: lens.lens, bend_sd: lens.bend_sd, ..FuseOptions::for_image(frame.image_size_px) };
-    CameraEstimate {
-        params,
-        covariance,
-        status,
-        cars_used,
-        frames_used: usize::from(cars_used > 0),
-        ..options.unobservable([frame.time_s; 2])
-    }
 }

@@ -3,8 +3,7 @@
 use std::collections::BTreeMap;
 
 use roadplane_base::ImageSize;
-use roadplane_calibrate::{Factor, FuseOptions, FusePrior, LEAST_SD};
-use roadplane_solve::SceneOptions;
+use roadplane_calibrate::{Factor, FuseOptions};
 
 use crate::Config;
 use crate::cameras::known::CameraConstraints;
@@ -24,12 +23,10 @@ pub(crate) fn fuse_options(
 ) -> FuseOptions {
     let options = config.solve.scene_options(known.focal_px());
     FuseOptions {
-        focal_given: known.focal_px().is_some(),
-        prior: fuse_prior(&options, size),
         shared_sd: options.shared_sd(),
         factors: factors_by_position(size, positions, known),
         size_of_cars_sd: POPULATION_LOG_SD,
-        ..FuseOptions::for_image(size)
+        ..FuseOptions::new(size, &options.camera_prior, options.given_focal_px)
     }
 }
 
@@ -41,16 +38,4 @@ pub(crate) fn factors_by_position(
 ) -> BTreeMap<usize, Vec<Factor>> {
     let factors = (0..positions).map(|position| (position, known.factors(position, size)));
     factors.filter(|(_, factors)| !factors.is_empty()).collect()
-}
-
-/// Returns the camera's prior; a given focal length replaces the prior's one.
-fn fuse_prior(options: &SceneOptions, size: ImageSize) -> FusePrior {
-    let prior = &options.camera_prior;
-    let mut params = prior.mean(size);
-    let mut sd = prior.sd();
-    if let Some(focal_px) = options.given_focal_px {
-        params.log_focal = focal_px.ln();
-        sd[0] = LEAST_SD;
-    }
-    FusePrior { params, sd }
 }

@@ -55,11 +55,11 @@ impl LensOfClip {
                 lens.distortion(size)
             );
         }
-        let bend_sd = |lens: Lens| lens.distortion(size);
-        let turned = LensView::of(&[], turned, size).distortion(log_focal);
+        let turned = LensView::of(&[], turned, size).distortion(log_focal).unwrap_or_default();
         let before = recall.iter().flat_map(|recall| &recall.evidence);
         let before = before.filter(|said| said.image_size_px == size).filter_map(|said| said.lens);
-        let all = here.into_iter().chain(before.map(|(lens, sd)| (lens, bend_sd(Lens { per_px2: sd }))));
+        let all =
+            here.into_iter().chain(before.map(|(lens, sd)| (lens, Lens { per_px2: sd }.distortion(size))));
         // The same site shows the same edges every night. So the most certain lens is used, not the mean.
         match all.reduce(|a, b| if b.1 < a.1 { b } else { a }) {
             Some((lens, sd)) => {
@@ -89,8 +89,8 @@ impl LensOfClip {
     pub(crate) fn count(&self, windows: &[WindowEstimate], options: FuseOptions) -> FuseOptions {
         let mut options = FuseOptions { lens: self.lens, bend_sd: self.bend_sd, ..options };
         let rough = fuse(windows, &options.for_cars()).into_iter().next();
-        let log_focal = rough
-            .map_or([options.prior.params.log_focal, options.prior.sd[0]], |camera| log_focal_of(&camera));
+        let log_focal =
+            rough.map_or([options.prior.log_focal, options.prior_sd[0]], |camera| log_focal_of(&camera));
         let silent = || self.views.as_ref().map_or(0.0, |[_, both]| both.sd_about(self.lens, log_focal));
         let bend_sd = self.bend_sd.unwrap_or_else(silent);
         let size = options.image_size_px;

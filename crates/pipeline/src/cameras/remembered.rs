@@ -2,32 +2,33 @@
 
 use std::collections::BTreeMap;
 
-use roadplane_base::{CameraEvidence, EVIDENCE_SCHEMA, Lens, ParkedCar};
+use roadplane_base::{CameraEvidence, EVIDENCE_SCHEMA, Lens, ParkedCar, PictureMotion};
 use roadplane_calibrate::{CarIdentity, Epoch, FuseOptions, WindowEstimate, condense, joins, same_vehicle};
 
-use crate::cameras::empty_scene_view::EmptySceneView;
+use crate::cameras::empty_scene_view::{moved, turned};
 use crate::cameras::memory::{CameraHistory, look};
 
 /// Returns the evidence of the camera's last position, and the identities of its parked vehicles.
 ///
-/// It is evidence on the camera that takes the picture of the empty scene (`view`). `None` where the picture shows
-/// another position.
+/// It is evidence on the camera that takes the picture of the empty scene (`scene_from_world`). `None` where the camera
+/// did not turn between that picture and the world picture.
 pub(crate) fn evidence_of(
     recall: &CameraHistory,
     windows: &[WindowEstimate],
     position: usize,
     clip_span_s: [f64; 2],
     parked: &BTreeMap<CarIdentity, ParkedCar>,
-    view: &EmptySceneView,
+    scene_from_world: &PictureMotion,
     options: &FuseOptions,
 ) -> Option<(CameraEvidence, Vec<CarIdentity>)> {
     let last: Vec<WindowEstimate> = windows.iter().filter(|w| w.segment == position).cloned().collect();
     let together = condense(&last, options)
         .unwrap_or_else(|| WindowEstimate::without_cars(options, clip_span_s, position));
+    let together = turned(together, scene_from_world)?;
     let stood = together.cars.iter().filter(|used| used.parked);
+    let in_scene = |car: &ParkedCar| moved(car.clone(), scene_from_world);
     let (cars, stood): (Vec<CarIdentity>, Vec<ParkedCar>) =
-        stood.filter_map(|used| Some((used.car, parked.get(&used.car)?.clone()))).unzip();
-    let params = together.params.to_vector();
+        stood.filter_map(|used| Some((used.car, in_scene(parked.get(&used.car)?)))).unzip();
     let said = CameraEvidence {
         schema: EVIDENCE_SCHEMA.to_owned(),
         camera: recall.camera.clone(),
@@ -36,9 +37,9 @@ pub(crate) fn evidence_of(
         image_size_px: options.image_size_px,
         span_s: together.span_s,
         frames: together.frames,
-        params: std::array::from_fn(|i| params[i]),
-        information: std::array::from_fn(|r| std::array::from_fn(|c| together.joint.information[(r, c)])),
-        shared: std::array::from_fn(|r| std::array::from_fn(|c| together.joint.cross[(r, c)])),
+        params: together.params.to_vector().into(),
+        information: together.joint.information.transpose().into(),
+        shared: together.joint.cross.transpose().into(),
         lens: options
             .bend_sd
             .map(|sd| (options.lens, Lens::with_distortion(sd, options.image_size_px).per_px2)),
@@ -46,7 +47,7 @@ pub(crate) fn evidence_of(
         parked: stood,
         place: recall.place.clone(),
     };
-    Some((view.evidence(said)?, cars))
+    Some((said, cars))
 }
 
 /// Returns the epoch to which this clip belongs, and logs it. `None` where the clip begins a new epoch.
@@ -70,8 +71,8 @@ pub(crate) fn own_epoch<'a, 'b>(
     epoch
 }
 
-/// Inserts the evidence of other clips before this clip's windows of the camera's last position. `view` is the view of
-/// this clip's picture of the empty scene.
+/// Inserts the evidence of other clips before this clip's windows of the camera's last position. `scene_from_world` maps
+/// its world picture to this clip's picture of the empty scene.
 ///
 /// Vehicles that are parked as in an earlier clip get the identity of the stored vehicle.
 pub(crate) fn add_remembered(
@@ -79,7 +80,7 @@ pub(crate) fn add_remembered(
     position: usize,
     epoch: &Epoch<'_>,
     (said, cars): (&CameraEvidence, &[CarIdentity]),
-    view: &EmptySceneView,
+    scene_from_world: &PictureMotion,
 ) {
     let known = |car: &ParkedCar| epoch.vehicles.iter().find(|(_, known)| same_vehicle(known, car));
     let same: BTreeMap<CarIdentity, CarIdentity> = cars
@@ -94,7 +95,8 @@ pub(crate) fn add_remembered(
             used.car = same.get(&used.car).copied().unwrap_or(used.car);
         }
     }
-    let in_world = epoch.windows.iter().filter_map(|window| view.window_in_world(window));
+    let world_from_scene = scene_from_world.inverse();
+    let in_world = epoch.windows.iter().filter_map(|window| turned(window.clone(), &world_from_scene));
     let remembered =
         in_world.map(|window| WindowEstimate { span_s: [from_s; 2], frames: 0, segment: position, ..window });
     windows.splice(at..at, remembered.collect::<Vec<_>>());

@@ -153,11 +153,13 @@ pub(crate) fn write_report(
         .collect::<Result<_, PipelineError>>()?;
     // The background image shows the scene from the last position of the camera.
     let lines = background.and_then(|background| {
-        let scene = solution.cameras.empty_scene.as_ref()?;
+        let scene = solution.cameras.scene_from_world.as_ref()?;
         let view =
             solution.cameras.scene.iter().find(|view| view.position == solution.cameras.last_position())?;
         let upright = &view.verticals.as_ref()?.upright;
-        let lines: Vec<SceneLine> = view.lines.iter().map(|line| scene.line(line)).collect();
+        let in_scene =
+            |line: &SceneLine| SceneLine { ends_px: line.ends_px.map(|end| scene.apply(&end)), ..*line };
+        let lines: Vec<SceneLine> = view.lines.iter().map(in_scene).collect();
         Some(with_lines(background, lines.iter().zip(upright.iter().copied())))
     });
     let lines = lines.transpose()?;

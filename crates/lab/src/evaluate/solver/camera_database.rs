@@ -5,7 +5,7 @@ use roadplane_base::{
     CameraEstimate, CameraEvidence, CameraParams, ClipIdentity, EVIDENCE_SCHEMA, JointInformation, ParkedCar,
     ShapeAtlas, bbox_around,
 };
-use roadplane_calibrate::{FuseOptions, FusePrior, SameView, epochs, fuse};
+use roadplane_calibrate::{FuseOptions, SameView, epochs, fuse};
 use roadplane_pipeline::Config;
 use roadplane_solve::{CarView, SceneOptions, solve_scene};
 use roadplane_synth::{Rng, SceneTruth, SynthOptions, scene};
@@ -125,7 +125,7 @@ fn after(camera: &Camera, count: usize) -> Option<After> {
     let now = found.iter().find(|epoch| epoch.clips.iter().any(|clip| clip.clip == *last))?;
     let estimate: CameraEstimate = fuse(&now.windows, &options).pop()?;
     let off = estimate.params.to_vector() - camera.truth.to_vector();
-    let prior = Matrix4::from_diagonal(&options.prior.sd.map(|sd| 1.0 / (sd * sd)));
+    let prior = Matrix4::from_diagonal(&options.prior_sd.map(|sd| 1.0 / (sd * sd)));
     let mut bound = JointInformation::none();
     camera.bounds[..count].iter().for_each(|clip| bound.add(clip, 1.0));
     let bound = prior + bound.marginal(options.shared_sd).0;
@@ -153,13 +153,8 @@ fn solve_options() -> SceneOptions {
 /// Returns the options with which a run fuses the evidence of clips.
 fn options() -> FuseOptions {
     let run = solve_options();
-    let prior = run.camera_prior;
     let size = SynthOptions::default().size;
-    FuseOptions {
-        prior: FusePrior { params: prior.mean(size), sd: prior.sd() },
-        shared_sd: run.shared_sd(),
-        ..FuseOptions::for_image(size)
-    }
+    FuseOptions { shared_sd: run.shared_sd(), ..FuseOptions::new(size, &run.camera_prior, None) }
 }
 
 fn camera(atlas: &ShapeAtlas, clips: usize, seed: u64) -> Camera {
@@ -213,15 +208,8 @@ fn evidence_of(
         let bbox_px = points.reduce(|a, b| bbox_around(&a, &b))?;
         Some(ParkedCar { bbox_px, keypoints_px })
     });
-    // As in a run, the estimate from the cars alone is used if it is near the full estimate.
-    let own = &found.information;
-    let alone = own.information.cholesky().map(|i| i.solve(&own.vector));
-    let near = |alone: &Vector4<f64>| {
-        let step = alone - found.params.to_vector();
-        (0..4).all(|i| step[i].abs() <= 2.0 * found.covariance[(i, i)].max(0.0).sqrt() + 1e-9)
-    };
-    let params = alone.filter(near).unwrap_or_else(|| found.params.to_vector());
-    let own = if found.status.usable() { *own } else { JointInformation::none() };
+    let (params, own) = found.by_cars();
+    let own = if found.status.usable() { own } else { JointInformation::none() };
     CameraEvidence {
         schema: EVIDENCE_SCHEMA.to_owned(),
         camera: "synthetic".to_owned(),
@@ -234,9 +222,9 @@ fn evidence_of(
         image_size_px: truth.size,
         span_s: [0.0, 60.0],
         frames: 1,
-        params: std::array::from_fn(|i| params[i]),
-        information: std::array::from_fn(|r| std::array::from_fn(|c| own.information[(r, c)])),
-        shared: std::array::from_fn(|r| std::array::from_fn(|c| own.cross[(r, c)])),
+        params: params.to_vector().into(),
+        information: own.information.transpose().into(),
+        shared: own.cross.transpose().into(),
         lens: None,
         parked: parked.collect(),
         moving: 0,
