@@ -40,10 +40,8 @@ impl Window {
 /// The camera positions are those of [`OneCamera`](crate::OneCamera). Frames without a record of the watcher belong to
 /// the position before.
 pub struct EvidenceBuilder {
-    /// Length of a window, s.
     window_s: f64,
     linker: Linker,
-    /// Selects the views of the current window.
     selector: ViewSelector,
     /// The current window, without its views; `None` before its first frame.
     open: Option<Window>,

@@ -59,9 +59,7 @@ const GREATEST_K1: f64 = 0.05;
 /// Likelihood of the lens distortion, given the edges of a site and the turns of the camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct LensView {
-    /// Size of the picture.
     size: ImageSize,
-    /// Grid of distortions.
     bends: Vec<f64>,
     /// Distortion that the turns of the camera show.
     turned: Option<TurnedLens>,

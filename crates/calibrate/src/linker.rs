@@ -26,17 +26,13 @@ const GATE: f64 = 16.0;
 /// A car and its last detection.
 #[derive(Clone, Debug)]
 struct Link {
-    /// Identifier of the car.
     id: LinkId,
     /// Last box: left, top, right, bottom, px.
     bbox_px: [f64; 4],
-    /// Last class.
     class: VehicleClass,
     /// Smoothed velocity of the box's centre, px/s.
     velocity_px_s: Vector2<f64>,
-    /// Number of detections.
     seen: usize,
-    /// Time of the last detection, s.
     seen_s: f64,
     /// Centre of the box when it last moved, px.
     anchor_px: Vector2<f64>,
@@ -62,9 +58,7 @@ impl Link {
 /// Assigns every box the identifier of its car.
 #[derive(Clone, Debug, Default)]
 pub struct Linker {
-    /// Cars that may be detected again.
     links: Vec<Link>,
-    /// Next free identifier.
     next: LinkId,
 }
 

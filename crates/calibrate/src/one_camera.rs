@@ -27,14 +27,12 @@ struct Position {
 
 /// An iterator over frames in the order of time that converts them to those of one camera; see the module.
 pub struct OneCamera<I> {
-    /// Source of the frames.
     frames: I,
     places: Arc<Places>,
     /// Frames after the last inference frame, in the order of time.
     waiting: VecDeque<FrameRecord>,
     /// Converted frames, in the order of time.
     ready: VecDeque<FrameRecord>,
-    /// Whether the source has ended.
     is_over: bool,
     /// Position of the last picture whose position is known.
     last: Option<Position>,

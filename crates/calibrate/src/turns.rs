@@ -36,7 +36,6 @@ pub(crate) struct Misfit {
     cost: [f64; GRID],
     /// The same for the parts in view alone, with the distortion that each picture shows.
     in_view: [f64; GRID],
-    /// Number of pictures.
     count: f64,
 }
 

@@ -53,7 +53,7 @@ pub fn verticals(lines: &[SceneLine], cars: &CameraEstimate) -> Option<Verticals
     let mut covariance = covariance.fixed_view::<2, 2>(0, 0).into_owned();
     // An error of the principal point shifts the centre of the vertical lines and of the lens distortion.
     let principal_point = Camera::PRINCIPAL_POINT_SD * width;
-    let of_lens = 2.0 * lens / (field.half_width() * field.half_width());
+    let of_lens = 2.0 * lens / (field.half_width * field.half_width);
     covariance[(0, 0)] += (principal_point * (bend * bend).hypot(of_lens)).powi(2);
     covariance[(1, 1)] += (principal_point * bend).powi(2);
     // Log focal is (log horizon − log `bend`) / 2. A slope of the road changes `bend`, but not the horizon from cars.
@@ -73,9 +73,7 @@ pub fn verticals(lines: &[SceneLine], cars: &CameraEstimate) -> Option<Verticals
 
 /// Prior of the vertical and the lens from the cars.
 struct Prior {
-    /// Focal length, px.
     focal_px: f64,
-    /// Sd of log focal length.
     log_focal_sd: f64,
     /// Distance of the horizon from the principal point and its sd, px.
     horizon: [f64; 2],
@@ -100,19 +98,18 @@ impl Prior {
         if !(horizon[0] > 2.0 * horizon[1] && horizon[1].is_finite()) {
             return None;
         }
+        let size = cars.image_size_px;
+        let (lens, greatest_lens) = match cars.distortion_sd {
+            None => (bend_of_lenses(focal_px, size), greatest_bend(focal_px, size)),
+            Some(sd) => ([cars.lens.distortion(size), sd.max(STRAIGHT_SD)], f64::INFINITY),
+        };
         Some(Self {
             focal_px,
             log_focal_sd: covariance[(0, 0)].sqrt(),
             horizon,
             roll: [cars.params.roll, 1.5 * covariance[(2, 2)].sqrt()],
-            lens: cars.distortion_sd.map_or_else(
-                || bend_of_lenses(focal_px, cars.image_size_px),
-                |sd| [cars.lens.distortion(cars.image_size_px), sd.max(STRAIGHT_SD)],
-            ),
-            greatest_lens: match cars.distortion_sd {
-                None => greatest_bend(focal_px, cars.image_size_px),
-                Some(_) => f64::INFINITY,
-            },
+            lens,
+            greatest_lens,
         })
     }
 
@@ -166,7 +163,7 @@ const UNLIKELY: f64 = 1e-5;
 
 /// Returns the most probable node given cars and edges, and the log Bayes factor of all nodes over chance.
 fn search(field: &Field, prior: &Prior) -> Option<(Node, f64)> {
-    let half = field.half_width();
+    let half = field.half_width;
     let count = |reach: f64| (reach / SEARCH_STEP) as i32;
     let bends: Vec<(f64, f64)> = (1..count(1.0))
         .map(|i| {
@@ -208,7 +205,7 @@ fn search(field: &Field, prior: &Prior) -> Option<(Node, f64)> {
 ///
 /// `None` where the covariance is not finite or not positive definite.
 fn moments(field: &Field, prior: &Prior, best: Node) -> Option<(Node, Matrix3<f64>)> {
-    let half = field.half_width();
+    let half = field.half_width;
     let step = SEARCH_STEP / (best.x * half).atan().cos().powi(2) / half;
     let (mut mean, mut covariance) = (best, Matrix3::zeros());
     let mut sd = Vector3::new(step, SEARCH_STEP, 2.0 * REACH / f64::from(STEPS) * prior.lens[1]);

@@ -117,7 +117,6 @@ type Place = SVector<f64, 5>;
 struct Fit {
     place: Place,
     covariance: SMatrix<f64, 5, 5>,
-    /// Heading of the body, rad.
     heading: f64,
     /// Log of the fit's weight in the mixture.
     log_weight: f64,
@@ -125,7 +124,6 @@ struct Fit {
 
 /// The negative log posterior of one body, linearised at a position and size.
 struct Linear {
-    /// Its value, up to a constant.
     cost: f64,
     /// Its second derivatives.
     information: SMatrix<f64, 5, 5>,
@@ -138,11 +136,8 @@ struct Seen<'a> {
     bbox_px: &'a [f64; 4],
     /// Whether the body continues beyond the left, top, right and bottom edge.
     goes_on: [bool; 4],
-    /// Camera and ground.
     view: &'a FrameCamera,
-    /// Prior of the body's size.
     body: Body,
-    /// Heading of the body, rad.
     heading: f64,
 }
 

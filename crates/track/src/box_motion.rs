@@ -14,11 +14,9 @@ pub(crate) const COAST_S: f64 = 0.4;
 pub(crate) struct BoxMotion {
     /// Box of the last detection (left, top, right, bottom), px.
     pub last_px: [f64; 4],
-    /// Time of the last detection, s.
     last_s: f64,
     /// Velocity of the box's centre, px/s.
     velocity_px_s: Vector2<f64>,
-    /// Number of detections.
     seen: usize,
 }
 

@@ -35,7 +35,6 @@ const EASED: [f64; 3] = [8.0, 3.0, 1.0];
 
 /// The observation of one node: its box, combined from one or more detections.
 pub(crate) struct Look {
-    /// Index and time of the frame.
     stamp: FrameStamp,
     /// Left, top, right and bottom edge of the box.
     edges: [Edge; 4],
@@ -102,7 +101,6 @@ struct Bordered {
     blocks: Blocks,
     /// Coupling of each state with the shared unknowns.
     border: Vec<Border>,
-    /// Block of the shared unknowns.
     shared: SMatrix<f64, SHARED, SHARED>,
     /// Gradient of the cost by the shared unknowns.
     gradient: Shared,

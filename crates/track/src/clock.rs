@@ -63,7 +63,6 @@ pub struct ClockReader {
     place: Option<usize>,
     /// Variance of the delays, from all frames so far.
     variance: DelayVariance,
-    /// Pictures of the earlier inference frames.
     pictures: Vec<Picture>,
 }
 

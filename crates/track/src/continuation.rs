@@ -46,7 +46,6 @@ pub(crate) struct End {
     pub time_s: f64,
     /// Position and velocity (x, y, vx, vy) on the ground, m and m/s.
     pub state: Vector4<f64>,
-    /// Covariance of `state`, m and m/s.
     covariance: Matrix4<f64>,
     /// Heading modulo π, rad.
     axis: f64,
@@ -60,7 +59,6 @@ pub(crate) struct End {
     log_size: f64,
     /// Mean colour; `None` where none was measured.
     colour: Option<Colour>,
-    /// Votes for each class.
     votes: Votes,
 }
 

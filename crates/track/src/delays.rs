@@ -25,7 +25,6 @@ const SOLVER: (usize, f64) = (100, 1e-5);
 
 /// A box compared with its neighbours: `delay − Σ share · delay of the neighbour = lead_s`, with an error.
 struct Lead {
-    /// Index of the frame.
     frame: usize,
     /// Time by which the box is ahead of its path, s.
     lead_s: f64,
@@ -41,9 +40,7 @@ struct Lead {
 
 /// The leads of all vehicles in some frames.
 pub(crate) struct Delays {
-    /// Leads in the order of frames.
     leads: Vec<Lead>,
-    /// Number of frames.
     frames: usize,
     /// Sd of a box's centre along its path, as a share of the box's size.
     box_sd: f64,
@@ -200,9 +197,7 @@ fn errors_of(leads: &[Lead]) -> Vec<f64> {
 /// Evidence on the variance of the delays: sums over frames.
 #[derive(Debug, Default)]
 pub(crate) struct DelayVariance {
-    /// Sum of the weights.
     weights: f64,
-    /// Sum of weights times covariances.
     covariance: f64,
     /// Variance of this sum if there are no delays.
     by_chance: f64,

@@ -37,13 +37,10 @@ pub(crate) const GATE: f64 = 20.0;
 pub(crate) struct Filter {
     /// Position and velocity (x, y, vx, vy) on the ground, m and m/s.
     pub state: Vector4<f64>,
-    /// Covariance of `state`, m and m/s.
     covariance: Matrix4<f64>,
     /// Heading modulo π, rad.
     pub axis: f64,
-    /// Variance of the axis, rad².
     axis_variance: f64,
-    /// Time of the last update, s.
     time_s: f64,
     /// Position from which the car has not moved noticeably, m.
     anchor: Vector2<f64>,

@@ -29,7 +29,6 @@ pub(crate) struct Chain {
     pub boxes: Vec<(usize, Detection)>,
     /// Index of the tracklet that the boxes precede or follow.
     pub tracklet: Option<usize>,
-    /// Motion of the box in the picture.
     motion: BoxMotion,
 }
 

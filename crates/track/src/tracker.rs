@@ -80,9 +80,7 @@ pub struct Tracker {
     frames: Frames,
     /// Tracks that may continue.
     live: Vec<Live>,
-    /// Tracks that have ended.
     ended: Vec<RawTrack>,
-    /// All boxes, by frame.
     boxes: BoxesByFrame,
     /// Detections without a measurement, with the indices of their frames.
     seen_again: Vec<(u64, SeenAgain)>,

@@ -38,7 +38,7 @@ pub(super) struct Field {
     /// Weight of each edge; an object with many edges counts as one.
     weights: Vec<f64>,
     /// Half of the picture's width, px.
-    half_width: f64,
+    pub(super) half_width: f64,
 }
 
 impl Field {
@@ -68,12 +68,6 @@ impl Field {
             edges,
         }
     }
-
-    /// Returns half of the picture's width, px.
-    pub(super) fn half_width(&self) -> f64 {
-        self.half_width
-    }
-
     /// Returns the edges with the distortion `lens` removed, to first order: `p (1 − lens |p|² / half width²)`.
     pub(super) fn undistorted(&self, lens: f64) -> Vec<Edge> {
         let bent = lens / (self.half_width * self.half_width);

@@ -56,7 +56,7 @@ pub fn evaluate_run(folder: &Path, truth: &Path, atlas: &ShapeAtlas) -> Result<R
 
 fn against_camera(run: &FinishedRun, truth: &Krtd, name: &str) -> Result<Report, LabError> {
     same_size(&run.camera, truth.principal_point_px.map(|centre| 2.0 * centre + 1.0))?;
-    let mut table = camera_table(&run.camera, truth.focal_px(), &truth.plane());
+    let mut table = camera_table(&run.camera, truth.focal_px(), &truth.plane);
     table.note += &format!(
         " Truth: focal length {:.1} × {:.1} px, ground z = 0, lens distortion {:?}.",
         truth.focal_x_px, truth.focal_y_px, truth.distortion

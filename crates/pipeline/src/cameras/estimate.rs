@@ -237,9 +237,7 @@ struct ClipWindows {
     windows: Vec<WindowEstimate>,
     /// Parked vehicles of all windows.
     parked: BTreeMap<CarIdentity, ParkedCar>,
-    /// Evidence on the shape of the ground.
     ground: GroundEvidence,
-    /// Visits of the camera to its positions.
     visits: Vec<Visit>,
     /// Size of the pictures; `None` without frames.
     size: Option<ImageSize>,

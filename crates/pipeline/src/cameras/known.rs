@@ -67,25 +67,12 @@ enum Fact {
         which: usize,
         /// Its value, log px, rad or log m.
         value: f64,
-        /// Sd of the value.
         sd: f64,
     },
     /// A camera from a file.
-    Camera {
-        /// Name of the file.
-        file: String,
-        /// Size of the file's pictures, if given.
-        size: Option<ImageSize>,
-        /// The camera.
-        survey: Survey,
-    },
+    Camera { file: String, size: Option<ImageSize>, survey: Survey },
     /// A measured length in the picture.
-    Length {
-        /// Name of the file.
-        file: String,
-        /// The length with its ends.
-        length: LengthConstraint,
-    },
+    Length { file: String, length: LengthConstraint },
 }
 
 impl CameraConstraints {
@@ -152,7 +139,7 @@ impl CameraConstraints {
 
     /// Adds the constraints of a camera file.
     fn add_camera(&mut self, path: &Path) -> Result<(), PipelineError> {
-        let CameraOfFile { size, principal_point_px, focal_px, lens, numbers, by_cars } =
+        let CameraOfFile { size, principal_point_px, focal_px, lens, survey } =
             camera_file::read(path).map_err(usage)?;
         let middle = size.map(|size| size.centre_px());
         if let (Some(middle), Some(point)) = (middle, principal_point_px)
@@ -165,10 +152,7 @@ impl CameraConstraints {
         }
         self.focal = focal_px.map(|focal_px| (focal_px, size));
         self.lens = lens;
-        if let Some((mean, information)) = numbers {
-            let survey = Survey { mean, information, by_cars };
-            self.facts.push(Fact::Camera { file: name_of(path), size, survey });
-        }
+        self.facts.extend(survey.map(|survey| Fact::Camera { file: name_of(path), size, survey }));
         Ok(())
     }
 
@@ -262,11 +246,13 @@ impl CameraConstraints {
     ///
     /// Focal length and height hold for all positions. Other constraints hold for the first position only.
     pub(crate) fn factors(&self, position: usize, size: ImageSize) -> Vec<Factor> {
-        self.facts
-            .iter()
-            .filter(|fact| position == 0 || fact.holds_everywhere())
-            .map(|fact| fact.factor(size, self))
-            .collect()
+        let factor = |fact: &Fact| match fact {
+            Fact::Number { which, value, sd } => Factor::Survey(Survey::of_number(*which, *value, *sd)),
+            Fact::Camera { survey, .. } => Factor::Survey(*survey),
+            Fact::Length { length, .. } => Factor::Length(self.on_ground(length, size)),
+        };
+        let here = self.facts.iter().filter(|fact| position == 0 || fact.holds_everywhere());
+        here.map(factor).collect()
     }
 
     /// Returns a length as a factor, for pictures of this size.
@@ -303,15 +289,6 @@ impl Fact {
     /// Returns the index of the frame that the constraint names.
     fn frame(&self) -> Option<u64> {
         if let Self::Length { length, .. } = self { length.frame } else { None }
-    }
-
-    /// Returns the constraint as a factor, for pictures of this size. `known` has the lens and the positions of frames.
-    fn factor(&self, size: ImageSize, known: &CameraConstraints) -> Factor {
-        match self {
-            Self::Number { which, value, sd } => Factor::Survey(Survey::of_number(*which, *value, *sd)),
-            Self::Camera { survey, .. } => Factor::Survey(*survey),
-            Self::Length { length, .. } => Factor::Length(known.on_ground(length, size)),
-        }
     }
 }
 

@@ -18,10 +18,8 @@ pub struct Krtd {
     pub focal_y_px: f64,
     /// Principal point (x, y), px.
     pub principal_point_px: [f64; 2],
-    /// Rotation from the world to the camera.
-    pub rotation: Matrix3<f64>,
-    /// Origin of the world in the camera frame, m.
-    pub translation_m: Vector3<f64>,
+    /// The ground z = 0 of the world in the camera frame: tilt, roll and height.
+    pub plane: GroundPlane,
     /// Lens distortion in OpenCV's order (k1, k2, p1, p2, k3), as many numbers as the file has.
     pub distortion: Vec<f64>,
 }
@@ -31,14 +29,6 @@ impl Krtd {
     #[must_use]
     pub fn focal_px(&self) -> f64 {
         (self.focal_x_px * self.focal_y_px).sqrt()
-    }
-
-    /// Returns the ground z = 0 of the world in the camera frame: tilt, roll and height.
-    #[must_use]
-    pub fn plane(&self) -> GroundPlane {
-        let up = self.rotation.column(2).into_owned();
-        // The camera's centre is −Rᵀ T; its height is the z of that vector.
-        GroundPlane { normal_in_camera: up, height_m: -up.dot(&self.translation_m) }
     }
 }
 
@@ -68,15 +58,19 @@ pub fn read_krtd(path: &Path) -> Result<Krtd, WriteError> {
     if (rotation * rotation.transpose() - Matrix3::identity()).norm() > 1e-6 || rotation.determinant() < 0.0 {
         return Err(fail("R: no rotation matrix"));
     }
-    let camera = Krtd {
+    let up = rotation.column(2).into_owned();
+    // The camera's centre is −Rᵀ T; its height is the z of that vector.
+    let height_m = -up.dot(&Vector3::from_row_slice(t));
+    if height_m.is_nan() || height_m <= 0.0 {
+        return Err(fail("the camera is not above z = 0"));
+    }
+    Ok(Krtd {
         focal_x_px: k[0],
         focal_y_px: k[4],
         principal_point_px: [k[2], k[5]],
-        rotation,
-        translation_m: Vector3::from_row_slice(t),
+        plane: GroundPlane { normal_in_camera: up, height_m },
         distortion: distortion.to_vec(),
-    };
-    if camera.plane().height_m > 0.0 { Ok(camera) } else { Err(fail("the camera is not above z = 0")) }
+    })
 }
 
 #[cfg(test)]
@@ -102,8 +96,8 @@ mod tests {
         let path = folder.path().join("a.krtd");
         std::fs::write(&path, &text).unwrap();
         let camera = read_krtd(&path).unwrap();
-        assert!((camera.plane().tilt() - 0.3).abs() < 1e-12 && camera.plane().roll().abs() < 1e-12);
-        assert!((camera.plane().height_m - 10.0).abs() < 1e-12);
+        assert!((camera.plane.tilt() - 0.3).abs() < 1e-12 && camera.plane.roll().abs() < 1e-12);
+        assert!((camera.plane.height_m - 10.0).abs() < 1e-12);
         assert!((camera.focal_px() - 2.1e6f64.sqrt()).abs() < 1e-9);
         assert_eq!(camera.distortion.len(), 5);
         for (broken, word) in [
@@ -123,13 +117,13 @@ mod tests {
     fn real_cameras_are_read() {
         let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/meva");
         let camera = read_krtd(&folder.join("G424.krtd")).unwrap();
-        let plane = camera.plane();
+        let plane = camera.plane;
         assert!((camera.focal_px() - 4005.0).abs() < 0.5, "{}", camera.focal_px());
         assert!((plane.tilt().to_degrees() - 7.29).abs() < 0.005, "{}", plane.tilt().to_degrees());
         assert!((plane.height_m - 10.2).abs() < 0.05, "{}", plane.height_m);
         let mut read = 0;
         for entry in std::fs::read_dir(folder.join("activities/krtd")).unwrap() {
-            let plane = read_krtd(&entry.unwrap().path()).unwrap().plane();
+            let plane = read_krtd(&entry.unwrap().path()).unwrap().plane;
             assert!(
                 (1.5..40.0).contains(&plane.height_m) && (-0.1..1.2).contains(&plane.tilt()),
                 "{plane:?}"

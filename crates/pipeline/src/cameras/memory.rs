@@ -32,7 +32,6 @@ const SAME_PLACE: f64 = 0.003;
 /// The cameras of a command's inputs.
 #[derive(Clone, Debug)]
 pub struct CameraDatabase {
-    /// The folder of the database.
     store: EvidenceStore,
     /// Rule that assigns a camera to an input.
     id: CameraId,

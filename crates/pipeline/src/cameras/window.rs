@@ -13,9 +13,7 @@ use crate::Config;
 
 /// Solves the windows of a clip, each from the result of the previous one.
 pub(crate) struct Solving<'a> {
-    /// The shape atlas.
     atlas: &'a ShapeAtlas,
-    /// The configuration.
     config: &'a Config,
     /// Camera of the last solved window by segment. The next solve starts there.
     starts: BTreeMap<usize, CameraParams>,

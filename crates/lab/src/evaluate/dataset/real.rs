@@ -59,7 +59,7 @@ pub(super) fn evaluate(
         stopped(cancel)?;
         let truth = read_krtd(camera)?;
         let run = run(picture, workplace, options, config, cancel, &Silent)?;
-        let error = camera_error(run.camera.focal_px, &run.camera.plane(), truth.focal_px(), &truth.plane());
+        let error = camera_error(run.camera.focal_px, &run.camera.plane(), truth.focal_px(), &truth.plane);
         let name = picture.file_stem().unwrap_or_default().to_string_lossy().into_owned();
         let distortion = truth.distortion.first().copied().unwrap_or(0.0);
         stills.push(RealStill {

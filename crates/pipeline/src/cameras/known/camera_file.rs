@@ -4,7 +4,7 @@ use std::path::Path;
 
 use nalgebra::{Matrix4, Vector4};
 use roadplane_base::{CameraParams, CameraStatus, ImageSize};
-use roadplane_calibrate::LEAST_SD;
+use roadplane_calibrate::{LEAST_SD, Survey};
 use roadplane_write::{WriteError, read_camera};
 use yaml_rust2::{Yaml, YamlLoader};
 
@@ -34,10 +34,8 @@ pub(super) struct CameraOfFile {
     pub focal_px: Option<f64>,
     /// Lens distortion, if given.
     pub lens: Option<KnownLens>,
-    /// Mean and information of (log focal length, tilt, roll, log height).
-    pub numbers: Option<(Vector4<f64>, Matrix4<f64>)>,
-    /// Whether the height depends on the size of cars.
-    pub by_cars: bool,
+    /// The camera's four numbers, as far as the file has them.
+    pub survey: Option<Survey>,
 }
 
 /// Reads a camera file. The ending gives the format: `.json` (ours), `.krtd` (MEVA), `.yml` or `.yaml` (OpenCV, ROS).
@@ -103,24 +101,23 @@ fn ours(path: &Path) -> Result<CameraOfFile, WriteError> {
         lens: estimate
             .distortion_sd
             .map(|_| KnownLens::Bend(estimate.lens.distortion(estimate.image_size_px))),
-        numbers: Some((estimate.params.to_vector(), information)),
-        by_cars,
+        survey: Some(Survey { mean: estimate.params.to_vector(), information, by_cars }),
     })
 }
 
 /// Reads a surveyed camera. Its focal length is exact; its plane is about the ground of its world.
 fn krtd(path: &Path) -> Result<CameraOfFile, WriteError> {
     let camera = read_krtd(path)?;
-    let params = CameraParams::new(camera.focal_px(), &camera.plane());
+    let params = CameraParams::new(camera.focal_px(), &camera.plane);
     let angle = 1.0 / GUESSED_TILT_SD_DEG.to_radians().powi(2);
-    let information = Vector4::new(0.0, angle, angle, GUESSED_HEIGHT_SHARE.powi(-2));
+    let sure = Vector4::new(0.0, angle, angle, GUESSED_HEIGHT_SHARE.powi(-2));
+    let (mean, information) = (params.to_vector(), Matrix4::from_diagonal(&sure));
     Ok(CameraOfFile {
         size: None,
         principal_point_px: Some(camera.principal_point_px),
         focal_px: Some(camera.focal_px()),
         lens: lens(&camera.distortion),
-        numbers: Some((params.to_vector(), Matrix4::from_diagonal(&information))),
-        by_cars: false,
+        survey: Some(Survey { mean, information, by_cars: false }),
     })
 }
 
@@ -149,8 +146,7 @@ fn opencv(path: &Path) -> Result<CameraOfFile, WriteError> {
         principal_point_px: Some([cx, cy]),
         focal_px: Some((fx * fy).sqrt()),
         lens: distortion.and_then(|k| lens(&k)),
-        numbers: None,
-        by_cars: false,
+        survey: None,
     })
 }
 
