@@ -11,7 +11,7 @@
 use std::f64::consts::PI;
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3, Vector4};
-use roadplane_base::{GroundPose, VehicleClass, bbox_cut, bbox_foot, fold_axis};
+use roadplane_base::{GroundPose, VehicleClass, bbox_foot, fold_axis};
 
 use crate::edge::{EDGE_SD_PX, EDGE_SD_SHARE, OUTLINE_SD, OUTWARD};
 use crate::{Body, FrameCamera, body_box, body_of, either};
@@ -67,7 +67,7 @@ pub struct GroundContact {
 
 /// Estimates a vehicle's pose and size from its box.
 ///
-/// `picture_px` is the picture as a box. `hidden` marks the edges (left, top, right, bottom) at which another vehicle
+/// `cut` marks the edges (left, top, right, bottom) at which the picture ends, and `hidden` those at which another vehicle
 /// hides this one. They only limit the vehicle: it does not end before them.
 ///
 /// `None` where the box's lower edge lies above the horizon. `None` also where that edge is cut off and only a label is
@@ -75,12 +75,11 @@ pub struct GroundContact {
 #[must_use]
 pub fn ground_contact(
     bbox_px: &[f64; 4],
-    picture_px: &[f64; 4],
+    cut: [bool; 4],
     hidden: [bool; 4],
     view: &FrameCamera,
     knowledge: &Knowledge,
 ) -> Option<GroundContact> {
-    let cut = bbox_cut(bbox_px, picture_px);
     let is_tracked = matches!(knowledge, Knowledge::Track { .. });
     if (cut[0] && cut[2]) || (cut[3] && (cut[1] || !is_tracked)) {
         return None;
@@ -253,8 +252,7 @@ fn mixture(fits: &[Fit], step: f64) -> Option<GroundContact> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use roadplane_base::ImageSize;
-    use roadplane_base::{Camera, Ground, GroundPlane};
+    use roadplane_base::{Camera, Ground, GroundPlane, ImageSize, bbox_cut};
 
     /// Size of the test pictures, px.
     const SIZE: ImageSize = ImageSize { width: 1280, height: 720 };
@@ -265,6 +263,11 @@ mod tests {
             camera: Camera::centred(1100.0, SIZE),
             ground: Ground::plane(GroundPlane::from_tilt_roll_height(0.3, 0.0, 9.0)),
         }
+    }
+
+    /// Places the vehicle in a box, with these hidden edges.
+    fn placed(bbox_px: &[f64; 4], hidden: [bool; 4], knowledge: &Knowledge) -> Option<GroundContact> {
+        ground_contact(bbox_px, bbox_cut(bbox_px, &SIZE.picture_px()), hidden, &view(), knowledge)
     }
 
     #[test]
@@ -278,9 +281,7 @@ mod tests {
             for (x_m, y_m, heading_rad) in [(-5.0, 30.0, 0.2), (3.0, 45.0, 1.5), (0.0, 25.0, 2.3)] {
                 let pose = GroundPose { x_m, y_m, heading_rad };
                 let bbox = body_box(&view(), &pose, class, &body_of(class).dims_m).unwrap();
-                let found =
-                    ground_contact(&bbox, &SIZE.picture_px(), [false; 4], &view(), &Knowledge::Label(label))
-                        .unwrap();
+                let found = placed(&bbox, [false; 4], &Knowledge::Label(label)).unwrap();
                 let off = Vector2::new(found.pose.x_m - x_m, found.pose.y_m - y_m);
                 let spread = found.covariance.fixed_view::<2, 2>(0, 0).into_owned();
                 let square = off.dot(&(spread.try_inverse().unwrap() * off));
@@ -301,7 +302,7 @@ mod tests {
         let body = Body { covariance: Matrix3::identity() * 0.04, ..body_of(VehicleClass::Bus) };
         let bbox = body_box(&view(), &pose, body.class, &body.dims_m).unwrap();
         let known = Knowledge::Track { body, heading_rad: 1.2, heading_sd_rad: 0.05 };
-        let found = ground_contact(&bbox, &SIZE.picture_px(), [false; 4], &view(), &known).unwrap();
+        let found = placed(&bbox, [false; 4], &known).unwrap();
         assert!((found.pose.x_m - pose.x_m).hypot(found.pose.y_m - pose.y_m) < 0.2, "{found:?}");
         assert!(found.covariance[(0, 0)].sqrt() < 1.0);
         // The box may show the heading better, and the grid of headings adds little.
@@ -316,7 +317,7 @@ mod tests {
         let bbox = [x0, y0, x1, y0 + 0.6 * (y1 - y0)];
         let label = Knowledge::Track { body, heading_rad: 1.4, heading_sd_rad: 0.05 };
         let off = |hidden| {
-            let found = ground_contact(&bbox, &SIZE.picture_px(), hidden, &view(), &label).unwrap();
+            let found = placed(&bbox, hidden, &label).unwrap();
             let off = Vector2::new(found.pose.x_m - pose.x_m, found.pose.y_m - pose.y_m);
             let spread = found.covariance.fixed_view::<2, 2>(0, 0).into_owned();
             (off.norm(), off.dot(&(spread.try_inverse().unwrap() * off)))
@@ -337,20 +338,14 @@ mod tests {
             heading_rad: 1.4,
             heading_sd_rad: 0.05,
         };
-        let found = ground_contact(&bbox, &SIZE.picture_px(), [false; 4], &view(), &known).unwrap();
+        let found = placed(&bbox, [false; 4], &known).unwrap();
         assert!((found.pose.x_m - pose.x_m).hypot(found.pose.y_m - pose.y_m) < 1.0, "{found:?}");
     }
 
     #[test]
     fn what_is_cut_off_below_or_lies_above_the_horizon_says_nothing() {
         let label = Knowledge::Label(VehicleClass::Truck);
-        assert!(
-            ground_contact(&[100.0, 600.0, 300.0, 719.0], &SIZE.picture_px(), [false; 4], &view(), &label)
-                .is_none()
-        );
-        assert!(
-            ground_contact(&[100.0, 0.0, 300.0, 4.0], &SIZE.picture_px(), [false; 4], &view(), &label)
-                .is_none()
-        );
+        assert!(placed(&[100.0, 600.0, 300.0, 719.0], [false; 4], &label).is_none());
+        assert!(placed(&[100.0, 0.0, 300.0, 4.0], [false; 4], &label).is_none());
     }
 }

@@ -130,7 +130,7 @@ impl Pass<'_> {
                 let usable = fit.as_ref().filter(|_| reason.is_none() && is_car);
                 let measured = usable
                     .map(|fit| by_keypoints(fit, seen, self.any_car, known))
-                    .or_else(|| by_box(seen, &picture_px, &view, known));
+                    .or_else(|| by_box(seen, &view, known));
                 match measured {
                     Some(measured) => {
                         let known = known.is_some();
@@ -166,12 +166,7 @@ impl Pass<'_> {
             tracker.push(&FrameMeasurements { stamp, delay_s, looked, cars, held, seen_again, boxes });
         }
         let mut tracks = Vec::new();
-        let scene = SiteScene {
-            cameras: self.cameras,
-            atlas: self.atlas,
-            mean_car: &self.any_car.mean,
-            views: &views,
-        };
+        let scene = SiteScene { cameras: self.cameras, atlas: self.atlas, mean_car: &self.any_car.mean };
         for tracker in at_position.into_values() {
             if tracker.rejected > 0 {
                 *tally.rejected.entry("pose_not_finite".to_owned()).or_insert(0) += tracker.rejected as u64;
@@ -236,12 +231,7 @@ fn by_keypoints(
 }
 
 /// Builds the measurement of a vehicle whose box is more informative than its keypoints.
-fn by_box(
-    seen: Detection,
-    picture_px: &[f64; 4],
-    view: &FrameCamera,
-    known: Option<&KnownCar>,
-) -> Option<CarMeasurement> {
+fn by_box(seen: Detection, view: &FrameCamera, known: Option<&KnownCar>) -> Option<CarMeasurement> {
     let knowledge = match known {
         Some(known) => Knowledge::Track {
             body: known.vehicle.body,
@@ -250,7 +240,7 @@ fn by_box(
         },
         None => Knowledge::Label(seen.class),
     };
-    let found = ground_contact(&seen.bbox_px, picture_px, seen.hidden, view, &knowledge)?;
+    let found = ground_contact(&seen.bbox_px, seen.cut, seen.hidden, view, &knowledge)?;
     let measured = CarMeasurement::by_box(found.pose, found.covariance, seen);
     Some(CarMeasurement { dims_m: Some(found.dims_m), ..measured })
 }

@@ -8,7 +8,6 @@ use roadplane_measure::{
 use roadplane_track::{Detection, Scene};
 
 use crate::cameras::camera_track::CameraTrack;
-use crate::tracks::views::Views;
 
 /// The site of a pass over the frames.
 pub(super) struct SiteScene<'a> {
@@ -16,8 +15,6 @@ pub(super) struct SiteScene<'a> {
     pub atlas: &'a ShapeAtlas,
     /// Shape of the site's mean car.
     pub mean_car: &'a Shape,
-    /// The part of the world picture that each frame shows.
-    pub views: &'a Views,
 }
 
 impl Scene for SiteScene<'_> {
@@ -44,7 +41,6 @@ impl Scene for SiteScene<'_> {
 
     fn place(&self, stamp: &FrameStamp, seen: &Detection, known: &Knowledge) -> Option<GroundContact> {
         let estimate = self.cameras.at(stamp.time_s())?;
-        let picture_px = self.views.picture_px(stamp.index, estimate.image_size_px);
-        ground_contact(&seen.bbox_px, &picture_px, seen.hidden, &FrameCamera::from(estimate), known)
+        ground_contact(&seen.bbox_px, seen.cut, seen.hidden, &FrameCamera::from(estimate), known)
     }
 }
