@@ -21,8 +21,8 @@ use roadplane_measure::HEADING_SD_RAD;
 
 use crate::{
     colour::Colour,
-    expected::STANDS_S,
-    filter::{MOTION_S, SPEED_SD, STANDING_MPS, STANDING_SHARE, STILL_M, driven, mixed},
+    expected::STATIONARY_S,
+    filter::{MOTION_S, SPEED_SD, STATIONARY_MPS, STATIONARY_SHARE, STILL_M, driven, mixed},
     measurement::Sighting,
     noise::COMMON_SHARE,
     raw_track::{RawTrack, Votes},
@@ -76,13 +76,13 @@ impl End {
         }
         let velocity = state.fixed_rows::<2>(2).into_owned();
         let spread = covariance.fixed_view::<2, 2>(2, 2).into_owned();
-        let [standing, driving] = [STANDING_MPS, SPEED_SD]
+        let [standing, driving] = [STATIONARY_MPS, SPEED_SD]
             .map(|sd| density(&velocity, &(spread + Matrix2::identity() * sd.powi(2))));
         let log_size = |o: &Sighting| {
             let [x0, y0, x1, y1] = o.detection.bbox_px;
             ((x1 - x0).hypot(y1 - y0) * o.pose.xy().norm().max(1.0)).ln()
         };
-        let stands = STANDING_SHARE * standing / mixed(standing, driving).max(1e-300);
+        let stands = STATIONARY_SHARE * standing / mixed(standing, driving).max(1e-300);
         let mut sizes: Vec<f64> = part.iter().map(|o| log_size(o)).collect();
         Self {
             time_s: edge.time_s,
@@ -144,9 +144,9 @@ pub(crate) fn gain(end: &End, start: &End, gap_s: f64, arrivals: f64) -> f64 {
     // Each mode has its mean time of staying undetected. In this time, the other vehicles appear.
     let mode = |mean_s: f64, density: f64| (-gap_s / mean_s).exp() * density / (APPEARS + arrivals * mean_s);
     let rested = places + Matrix2::identity() * STILL_M.powi(2);
-    let stood = mode(STANDS_S, end.stands * density(&moved, &rested) * start.standing);
+    let stood = mode(STATIONARY_S, end.stands * density(&moved, &rested) * start.standing);
     let drove = mode(DRIVES_S, drive_density(end, start, gap_s));
-    let crept = mode(STANDS_S, creep_density(end, start, &moved, &places, gap_s));
+    let crept = mode(STATIONARY_S, creep_density(end, start, &moved, &places, gap_s));
     let same = (stood + drove + crept) / 3.0;
     let new = mixed(start.standing, start.driving);
     let sizes = -0.5 * ((start.log_size - end.log_size) / SIZE_SD).powi(2);

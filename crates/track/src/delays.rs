@@ -10,7 +10,7 @@ use roadplane_base::{bbox_centre, median};
 
 use crate::{
     filter::MOTION_S,
-    noise::{MIN_SIGHTINGS, SIGNIFICANT},
+    noise::{MIN_DETECTIONS, SIGNIFICANT},
     picture_chains::{Chain, size_px},
 };
 
@@ -52,7 +52,7 @@ impl Delays {
         let mut leads: Vec<Lead> = chains.iter().flat_map(|chain| leads_of(chain, times_s)).collect();
         leads.sort_by_key(|lead| lead.frame);
         let mut errors: Vec<f64> = of_frames(&leads).flat_map(errors_of).collect();
-        if errors.len() < MIN_SIGHTINGS {
+        if errors.len() < MIN_DETECTIONS {
             leads.clear();
         }
         // The median of |x| of a normal distribution is 0.6745 sds. Weights of exact boxes must stay finite.

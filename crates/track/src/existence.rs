@@ -13,7 +13,7 @@ use roadplane_base::{VehicleClass, bbox_iou};
 
 use crate::{
     TrackState,
-    filter::{MOTION_S, SPEED_SD, STANDING_MPS, mixed},
+    filter::{MOTION_S, SPEED_SD, STATIONARY_MPS, mixed},
     measurement::Sighting,
     numbers::{FEATURES, NUMBERS, sigmoid},
 };
@@ -109,7 +109,7 @@ fn rides_p(speed_mps: f64, sd_mps: f64) -> f64 {
         speed_mps / variance * (-0.5 * speed_mps.powi(2) / variance).exp()
     };
     // At impossible speeds, both densities vanish.
-    let vehicle = mixed(vehicle(STANDING_MPS), vehicle(SPEED_SD)).max(f64::MIN_POSITIVE);
+    let vehicle = mixed(vehicle(STATIONARY_MPS), vehicle(SPEED_SD)).max(f64::MIN_POSITIVE);
     let (mean, sd) = (WALKING_MPS.0, WALKING_MPS.1.hypot(sd_mps));
     let walking = (-0.5 * ((speed_mps - mean) / sd).powi(2)).exp() / (TAU.sqrt() * sd);
     if speed_mps > 0.0 { vehicle / (vehicle + walking) } else { 1.0 }

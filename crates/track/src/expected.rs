@@ -11,10 +11,10 @@ use crate::{
 };
 
 /// Mean time for which a stationary or creeping vehicle stays undetected, s (exponential distribution).
-pub(crate) const STANDS_S: f64 = 20.0;
+pub(crate) const STATIONARY_S: f64 = 20.0;
 /// Longest gap that linking bridges, and longest time for which a stationary vehicle is followed without a detection,
 /// s. It is exceeded in 5 % of the cases.
-pub(crate) const HIDDEN_S: f64 = SIGNIFICANT * STANDS_S;
+pub(crate) const HIDDEN_S: f64 = SIGNIFICANT * STATIONARY_S;
 /// Least overlap (IoU) of a stationary car's box with the box of a detection.
 const MIN_OVERLAP: f64 = 0.25;
 /// Overlap (IoU) of boxes that makes a pair, even where the pose is wrong.

@@ -15,9 +15,9 @@ pub(crate) const ACCELERATION_POWER: f64 = 4.0;
 pub(crate) const SPEED_SD: f64 = 8.0;
 /// Sd of each velocity component that a stationary vehicle seems to have, m/s. Below this speed, boxes show no direction
 /// of travel, and a vehicle that they place counts as stationary.
-pub(crate) const STANDING_MPS: f64 = 0.2;
+pub(crate) const STATIONARY_MPS: f64 = 0.2;
 /// Share of vehicles that are stationary when they are first found, 0–1.
-pub(crate) const STANDING_SHARE: f64 = 0.1;
+pub(crate) const STATIONARY_SHARE: f64 = 0.1;
 /// Power of the axis' random turning, rad²/s.
 const TURN_POWER: f64 = 0.25;
 /// Least sd of a measured position, m: no measurement is better. A parked car wanders by as much in 1 s, while its
@@ -122,7 +122,7 @@ impl Filter {
         let covariance = self.standing(time_s).covariance;
         self.covariance = Matrix4::zeros();
         self.covariance.fixed_view_mut::<2, 2>(0, 0).copy_from(&covariance.fixed_view::<2, 2>(0, 0));
-        self.covariance.fixed_view_mut::<2, 2>(2, 2).fill_diagonal(STANDING_MPS * STANDING_MPS);
+        self.covariance.fixed_view_mut::<2, 2>(2, 2).fill_diagonal(STATIONARY_MPS * STATIONARY_MPS);
         self.state.fixed_rows_mut::<2>(2).fill(0.0);
         self.time_s = time_s;
     }
@@ -165,7 +165,7 @@ pub(crate) fn driven(
 
 /// Returns the density of a velocity or speed among all vehicles, from its densities among stationary and driving ones.
 pub(crate) fn mixed(standing: f64, driving: f64) -> f64 {
-    STANDING_SHARE * standing + (1.0 - STANDING_SHARE) * driving
+    STATIONARY_SHARE * standing + (1.0 - STATIONARY_SHARE) * driving
 }
 
 /// Returns the covariance of (x, y) from that of (x, y, heading), m².

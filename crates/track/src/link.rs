@@ -23,7 +23,7 @@ use roadplane_base::{assign, bbox_iou};
 
 use crate::{
     continuation::{End, density, gain},
-    expected::{HIDDEN_S, STANDS_S},
+    expected::{HIDDEN_S, STATIONARY_S},
     filter::MOTION_S,
     join::{features, probability},
     measurement::Sighting,
@@ -101,7 +101,7 @@ fn before_takeover<'a>(earlier: &'a RawTrack, later: &RawTrack) -> Option<&'a [S
 fn arrivals<'a>(starts: &'a [End], ends: &[End]) -> impl Fn(usize, usize) -> f64 + 'a {
     let first_s = starts.iter().map(|start| start.time_s).fold(f64::INFINITY, f64::min);
     let last_s = ends.iter().map(|end| end.time_s).fold(f64::NEG_INFINITY, f64::max);
-    let seconds = (last_s - first_s).max(0.0) + STANDS_S;
+    let seconds = (last_s - first_s).max(0.0) + STATIONARY_S;
     // The density of the vehicle of one tracklet where another one begins.
     let near = |start: &End, at: &End| {
         let spread =

@@ -29,7 +29,7 @@ pub(crate) const VIEW_S: f64 = 2.0;
 pub(crate) const SIGNIFICANT: f64 = 3.0;
 /// Least number of detections from which scatter is measured, and motion if the track has so many. It is also the
 /// number of inference frames within which a new track must be confirmed.
-pub(crate) const MIN_SIGHTINGS: usize = 5;
+pub(crate) const MIN_DETECTIONS: usize = 5;
 
 impl Noise {
     /// Measures the split from squared, whitened residuals. Their mean is 3 · `free` if R is all white. `own` is their
@@ -37,7 +37,7 @@ impl Noise {
     /// freedom that fitting left.
     pub(crate) fn measured(squares: &mut [f64], own: f64, lagged: f64, free: f64) -> Self {
         let n = squares.len();
-        if n < MIN_SIGHTINGS {
+        if n < MIN_DETECTIONS {
             return Self { ratio: 1.0, correlation: 0.0 };
         }
         squares.sort_by(f64::total_cmp);

@@ -10,7 +10,7 @@ use roadplane_measure::{Body, GroundContact, HEADING_SD_RAD, Knowledge, body_of}
 use crate::{
     Detection, Scene,
     expected::SURE_OVERLAP,
-    filter::{MOTION_S, STANDING_MPS},
+    filter::{MOTION_S, STATIONARY_MPS},
     frames::{BoxesByFrame, Frames},
     measurement::Sighting,
     picture_chains::{Chain, chains},
@@ -143,5 +143,5 @@ fn direction(places: &[[f64; 3]], at_s: f64) -> Option<f64> {
     }
     let line = normal.cholesky()?;
     let [x, y] = right.map(|right| line.solve(&right).y);
-    (x.hypot(y) > STANDING_MPS).then(|| y.atan2(x))
+    (x.hypot(y) > STATIONARY_MPS).then(|| y.atan2(x))
 }

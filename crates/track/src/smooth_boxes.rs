@@ -7,7 +7,7 @@ use roadplane_measure::Body;
 use crate::{
     Scene, TrackState,
     by_boxes::{ByBoxes, Look},
-    filter::STANDING_MPS,
+    filter::STATIONARY_MPS,
     frames::Frames,
     measurement::Sighting,
     parked::parked_pose,
@@ -70,7 +70,7 @@ pub(crate) fn smooth_by_boxes(
     close_gaps(&mut moving, sightings);
     let (drive, found) = solve(&by_poses, &moving, start_m)?;
     for (seen, moving) in sightings.iter().zip(&mut moving) {
-        *moving &= drive.state_at(seen.time_s)?[3].abs() >= STANDING_MPS;
+        *moving &= drive.state_at(seen.time_s)?[3].abs() >= STATIONARY_MPS;
     }
     close_gaps(&mut moving, sightings);
     let (path, found) = solve(&drive, &moving, found.dims_m)?;

@@ -17,7 +17,7 @@ const KEYPOINT_ODDS: f64 = 4.0;
 /// Log odds per metre of driving ahead. Some drivers reverse for ten metres, hardly any for fifty.
 const ODDS_PER_M: f64 = 0.4;
 /// Log odds below which the front is undetermined.
-const KNOWN_ODDS: f64 = 1.0;
+const CLEAR_ODDS: f64 = 1.0;
 
 /// The direction in which a track's headings point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -54,7 +54,7 @@ pub(crate) fn start(
         .collect();
     let (axes, drove) = axes(sightings, &averaged, &parked);
     let odds = keypoint_odds(sightings, &axes) + motion_odds(sightings, &axes, &centres);
-    let facing = Facing { reversed: odds < 0.0, known: odds.abs() >= KNOWN_ODDS, drove };
+    let facing = Facing { reversed: odds < 0.0, known: odds.abs() >= CLEAR_ODDS, drove };
     let turn = if facing.reversed { std::f64::consts::PI } else { 0.0 };
     // The state of a part lies on the straight line between the detections around it.
     let state = |part: &PathPart| {

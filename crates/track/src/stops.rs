@@ -10,7 +10,7 @@ use roadplane_base::{bbox_centre, upper_median};
 use crate::{
     filter::{MOTION_S, STILL_M},
     measurement::Sighting,
-    noise::{MIN_SIGHTINGS, SIGNIFICANT},
+    noise::{MIN_DETECTIONS, SIGNIFICANT},
 };
 
 /// Consecutive detections, all driving or all stationary.
@@ -38,13 +38,13 @@ pub(crate) fn find_runs(sightings: &[Sighting]) -> Vec<Run> {
 }
 
 /// Returns the detections within half of [`MOTION_S`] of one. Where a car is rarely detected, a longer time is taken,
-/// so that it holds [`MIN_SIGHTINGS`].
+/// so that it holds [`MIN_DETECTIONS`].
 fn window(sightings: &[Sighting], middle: usize) -> &[Sighting] {
     let time_s = sightings[middle].time_s;
     let mut from = sightings.partition_point(|o| o.time_s < time_s - MOTION_S / 2.0);
     let mut to = sightings.partition_point(|o| o.time_s <= time_s + MOTION_S / 2.0);
     let gap_s = |i: usize| sightings.get(i).map_or(f64::INFINITY, |o| (o.time_s - time_s).abs());
-    while to - from < MIN_SIGHTINGS.min(sightings.len()) {
+    while to - from < MIN_DETECTIONS.min(sightings.len()) {
         if from > 0 && gap_s(from - 1) <= gap_s(to) {
             from -= 1;
         } else {

@@ -13,7 +13,7 @@ use crate::{
     filter::POSE_FLOOR_M,
     frames::{BoxesByFrame, Frames},
     measurement::Sighting,
-    noise::MIN_SIGHTINGS,
+    noise::MIN_DETECTIONS,
     raw_track::{FEWEST, RawTrack, same_car},
     shape::ShapeSum,
 };
@@ -192,7 +192,7 @@ impl Tracker {
         let (options, looks) = (&self.options, self.frames.looks);
         let is_dead = |live: &mut Live| {
             if !live.is_confirmed(options) {
-                return looks + 1 - live.born >= MIN_SIGHTINGS || live.missed + FEWEST > MIN_SIGHTINGS;
+                return looks + 1 - live.born >= MIN_DETECTIONS || live.missed + FEWEST > MIN_DETECTIONS;
             }
             // Inference frames may be rare, so a track may miss one of them.
             live.missed > 1 && live.expected.is_lost(time_s)
