@@ -4,7 +4,8 @@ use roadplane_base::{CarRecord, KeypointSet, bbox_centre, bbox_longer_side, medi
 
 use crate::{LinkId, combine, linker::CENTRE_SD};
 
-/// One view of one car, as the joint solve reads it. Views with the same `link` share one shape.
+/// One view of one car. Views with the same `link` share one shape. Until the window ends, a view is a single
+/// observation with the weight 1.
 #[derive(Clone, Debug)]
 pub struct View {
     /// Identifier of the car.

@@ -15,8 +15,9 @@
 //!   → link              all continuations, and which boxes belong to none     (continuation.rs, link.rs, join.rs,
 //!                                                                              parts.rs)
 //!   → find_runs         stationary intervals and driving intervals            (stops.rs)
-//!   → smooth_track      heading disambiguation: which end is the front; one   (path.rs, start.rs, parked.rs,
-//!                       pose per stationary interval, else a vehicle model     vehicle.rs, chain.rs, descent.rs)
+//!   → smooth_track      heading disambiguation: which end is the front; one   (path.rs, path_parts.rs, start.rs,
+//!                       pose per stationary interval, else a vehicle model     parked.rs, vehicle.rs, chain.rs,
+//!                                                                              descent.rs)
 //!   → Evidence          is the track a vehicle?                               (existence.rs)
 //!   → smooth_by_boxes   path and size together, where only boxes show them    (smooth_boxes.rs, by_boxes.rs)
 //!   → add_detections    boxes in frames in which nothing measures the pose    (tracker.rs)

@@ -23,10 +23,10 @@ const NOISE_PASSES: usize = 3;
 
 /// The path of a vehicle.
 pub(crate) struct Path {
-    /// Nodes, in the order of time.
+    /// Parts of the path, in the order of time.
     pub parts: Vec<PathPart>,
-    /// State of each node.
-    pub nodes: Vec<State>,
+    /// State of each part.
+    pub states: Vec<State>,
     /// Covariance of each state.
     pub covariances: Vec<Matrix5<f64>>,
     /// Split of the measurements' covariance.
@@ -44,9 +44,9 @@ impl Path {
         let (sightings, half_wheelbase_m) = (&track.observations, track.half_wheelbase_m());
         let runs = find_runs(sightings);
         let parts = path_parts(sightings, times_s, &runs);
-        let (nodes, facing) = start(sightings, &parts, half_wheelbase_m);
+        let (states, facing) = start(sightings, &parts, half_wheelbase_m);
         let noise = Noise::measured(&mut [], 0.0, 0.0, 1.0);
-        let mut path = Self { parts, nodes, covariances: Vec::new(), noise, facing, half_wheelbase_m };
+        let mut path = Self { parts, states, covariances: Vec::new(), noise, facing, half_wheelbase_m };
         path.solve(sightings)?;
         for _ in 0..NOISE_PASSES {
             path.noise = path.driving_noise(sightings);
@@ -60,7 +60,7 @@ impl Path {
         let node = |part: &PathPart| part.node(part.measured(sightings, self.noise));
         let nodes: Vec<Node> = self.parts.iter().map(node).collect();
         let vehicle = Vehicle { nodes: &nodes, half_wheelbase_m: self.half_wheelbase_m };
-        (self.nodes, self.covariances) = vehicle.solve(std::mem::take(&mut self.nodes))?;
+        (self.states, self.covariances) = vehicle.solve(std::mem::take(&mut self.states))?;
         Some(())
     }
 
@@ -71,7 +71,7 @@ impl Path {
         let mut squares = Vec::new();
         let (mut own, mut lagged, mut leverage) = (0.0, 0.0, 0.0);
         let mut before: Option<(f64, Vector3<f64>)> = None;
-        for ((part, state), covariance) in self.parts.iter().zip(&self.nodes).zip(&self.covariances) {
+        for ((part, state), covariance) in self.parts.iter().zip(&self.states).zip(&self.covariances) {
             // Detections stay neighbours across frames without inference, but not across a stationary interval or a gap.
             before = before.filter(|(time_s, _)| part.parked.is_none() && part.span_s[0] - time_s <= COAST_S);
             let (None, Some(seen)) = (&part.parked, part.look(sightings)) else { continue };
@@ -100,7 +100,7 @@ impl Path {
         bias: impl Fn(&PathPart) -> Matrix3<f64>,
     ) -> Vec<TrackState> {
         let mut result = Vec::new();
-        for ((part, state), covariance) in self.parts.iter().zip(&self.nodes).zip(&self.covariances) {
+        for ((part, state), covariance) in self.parts.iter().zip(&self.states).zip(&self.covariances) {
             let (pose, jacobian) = origin(state, self.half_wheelbase_m);
             let total: Matrix3<f64> = jacobian * covariance * jacobian.transpose() + bias(part);
             let mut pose_sd = total.diagonal().map(|variance| variance.max(0.0).sqrt());
@@ -131,7 +131,7 @@ impl Path {
         let next = self.parts.partition_point(|part| part.span_s[1] < time_s);
         let away_s = |i: &usize| (self.parts[*i].span_s[0] - time_s).max(time_s - self.parts[*i].span_s[1]);
         let near = [next.saturating_sub(1), next.min(self.parts.len() - 1)];
-        near.into_iter().min_by(|a, b| away_s(a).total_cmp(&away_s(b))).map(|i| self.nodes[i])
+        near.into_iter().min_by(|a, b| away_s(a).total_cmp(&away_s(b))).map(|i| self.states[i])
     }
 }
 

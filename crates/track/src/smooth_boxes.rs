@@ -61,8 +61,8 @@ pub(crate) fn smooth_by_boxes(
         let start = parts.iter().map(|part| before.state_at(part.span_s[0])).collect::<Option<Vec<_>>>()?;
         let vehicle = Vehicle { nodes: &nodes, half_wheelbase_m: by_poses.half_wheelbase_m };
         let problem = ByBoxes { vehicle, looks: &looks, body, start_m, scene };
-        let (nodes, covariances, found) = problem.solve(start)?;
-        Some((Path { parts, nodes, covariances, ..*before }, found))
+        let (states, covariances, found) = problem.solve(start)?;
+        Some((Path { parts, states, covariances, ..*before }, found))
     };
     // First assume that it drove in every measured frame: the whole path determines speeds better than one second of it
     // does.

@@ -125,18 +125,18 @@ fn keypoint_odds(sightings: &[Sighting], axes: &[f64]) -> f64 {
 }
 
 /// Returns the log odds of the motion: positive where the axes point to the front.
-fn motion_odds(sightings: &[Sighting], axes: &[f64], parts: &[Vector3<f64>]) -> f64 {
+fn motion_odds(sightings: &[Sighting], axes: &[f64], centres: &[Vector3<f64>]) -> f64 {
     // A change from a position by keypoints to one by box is no motion. Only the more frequent kind counts.
     let by_box = 2 * sightings.iter().filter(|sighting| sighting.from_box).count() > sightings.len();
-    let mut alike = (0..parts.len()).filter(|i| sightings[*i].from_box == by_box);
+    let mut alike = (0..centres.len()).filter(|i| sightings[*i].from_box == by_box);
     let Some(mut from) = alike.next() else { return 0.0 };
     let ahead = |from: usize, to: usize| {
         let axis = (axes[from] + axes[to]) / 2.0;
-        (parts[to].xy() - parts[from].xy()).dot(&Vector2::new(axis.cos(), axis.sin()))
+        (centres[to].xy() - centres[from].xy()).dot(&Vector2::new(axis.cos(), axis.sin()))
     };
     let mut odds = 0.0;
     for to in alike {
-        if (parts[to].xy() - parts[from].xy()).norm() >= STILL_M {
+        if (centres[to].xy() - centres[from].xy()).norm() >= STILL_M {
             odds += ODDS_PER_M * ahead(from, to);
             from = to;
         }

@@ -28,7 +28,7 @@ const LENS: i32 = 6;
 pub const COVARIANCE_ORDER: [&str; 4] = ["log focal_px", "tilt_rad", "roll_rad", "log height_m"];
 
 /// The camera and the ground plane of a clip: the values of the longest segment, and a list of all segments. A segment
-/// is an interval in which the camera is at rest.
+/// is an interval in which the camera shows one scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[schemars(title = "camera: one object per clip")]
 pub struct CameraFile {
@@ -84,7 +84,7 @@ impl FrameMotion {
     }
 }
 
-/// The camera and the ground plane of one segment. A segment is an interval in which the camera is at rest.
+/// The camera and the ground plane of one segment. A segment is an interval in which the camera shows one scene.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize, JsonSchema)]
 pub struct CameraSegment {
     /// Presentation times of the first and the last frame of the segment, s.

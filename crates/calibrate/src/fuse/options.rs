@@ -31,7 +31,7 @@ pub struct FuseOptions {
     pub lens: Lens,
     /// Sd of the distortion ([`Lens::distortion`]); `None` where neither the picture nor the user determines it.
     pub bend_sd: Option<f64>,
-    /// Other factors on the camera, by camera position ([`WindowEstimate::segment`]). Each factor is counted once.
+    /// Other factors on the camera, by camera position ([`WindowEstimate::segment`](crate::WindowEstimate::segment)). Each factor is counted once.
     pub factors: BTreeMap<usize, Vec<Factor>>,
     /// Whether the positions are the two planes of a folded ground below one camera ([`Fold`](crate::Fold)).
     pub is_folded: bool,

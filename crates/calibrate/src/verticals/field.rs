@@ -68,6 +68,7 @@ impl Field {
             edges,
         }
     }
+
     /// Returns the edges with the distortion `lens` removed, to first order: `p (1 − lens |p|² / half width²)`.
     pub(super) fn undistorted(&self, lens: f64) -> Vec<Edge> {
         let bent = lens / (self.half_width * self.half_width);

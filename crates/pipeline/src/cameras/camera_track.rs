@@ -24,8 +24,8 @@ pub struct CameraTrack {
     pub(crate) not_compared: usize,
     /// Vertical lines and turns, by camera position.
     pub scene: Vec<SceneView>,
-    /// Mapping from the world picture of the last position to the picture of the empty scene; `None` if that picture
-    /// shows another position.
+    /// Mapping from the world picture of the last position to the picture of the empty scene: the identity without a
+    /// registration. `None` if that picture shows another position, and without frames.
     pub(crate) scene_from_world: Option<PictureMotion>,
 }
 
@@ -50,6 +50,7 @@ pub(super) fn by_visits(
         let span_s = if span_s[0] > span_s[1] { visit.span_s } else { span_s };
         Some(CameraEstimate { span_s, ..estimate.clone() })
     };
+    // Every frame belongs to a visit.
     visits.iter().filter_map(of_visit).collect()
 }
 

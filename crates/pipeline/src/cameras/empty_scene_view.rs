@@ -23,7 +23,7 @@ pub(crate) fn scene_from_world(
     (place == position).then_some(scene_from_world)
 }
 
-/// Converts a window to the camera that takes its pictures after a motion. `None` if the motion is no turn.
+/// Returns the evidence of a window on the camera that has turned by a motion; `None` if the motion is no turn.
 pub(crate) fn turned(window: WindowEstimate, motion: &PictureMotion) -> Option<WindowEstimate> {
     if motion.is_identity() {
         return Some(window);

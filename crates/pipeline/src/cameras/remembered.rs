@@ -10,8 +10,8 @@ use crate::cameras::memory::{CameraHistory, look};
 
 /// Returns the evidence of the camera's last position, and the identities of its parked vehicles.
 ///
-/// It is evidence on the camera that takes the picture of the empty scene (`scene_from_world`). `None` where the camera
-/// did not turn between that picture and the world picture.
+/// It is evidence on the camera that takes the picture of the empty scene (`scene_from_world`). `None` if the motion
+/// between the world picture and that picture is no turn.
 pub(crate) fn evidence_of(
     recall: &CameraHistory,
     windows: &[WindowEstimate],

@@ -44,7 +44,7 @@ struct Data<'a> {
     tracks: Vec<TrackData<'a>>,
 }
 
-/// A camera segment: an interval in which the camera is at rest.
+/// A camera segment: an interval in which the camera shows one scene.
 ///
 /// `from` and `to` are its start and end, s. `p` contains the rows of the projection matrix from world coordinates (m)
 /// to the picture (px), without distortion.
