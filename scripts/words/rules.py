@@ -38,9 +38,6 @@ class Rules:
         self.table = table
         self.seen: dict[str, Word | None] = {}
         self.contracts = {parts(name) for name in table.contracts}
-        # Documents write `pipeline/tracks/a.rs` for `crates/pipeline/src/tracks/a.rs`.
-        folders = [folder.removesuffix(".rs").removeprefix("crates/") for folder in table.exempt]
-        self.exempt = {f"{name}/" for folder in folders for name in (folder, folder.replace("/src", ""))}
         within = [contract for contract in self.contracts if len(contract) > 1] + list(table.ordinary_names)
         self.within = sorted(within, key=lambda name: (-len(name), name))
 
@@ -86,8 +83,6 @@ class Rules:
                 if not any(begin <= match.start() < end for begin, end in allowed) and not self.quoted(blanked, match):
                     yield self.word(path, passage, match, word)
         for code in CODE.finditer(passage.text) if path not in self.table.quoting else ():
-            if code[1] in self.table.exempt_files or any(folder in code[1] for folder in self.exempt):
-                continue
             for match in NAME.finditer(passage.text, *code.span(1)):
                 if word := self.name(match[0]):
                     yield self.word(path, passage, match, word)

@@ -26,7 +26,6 @@ class Table:
     words: tuple[Word, ...]
     longest: int
     exempt: tuple[str, ...]
-    exempt_files: frozenset[str]
     quoting: tuple[str, ...]
     contracts: frozenset[str]
     ordinary: re.Pattern[str]
@@ -83,9 +82,6 @@ def load(root: Path, path: Path) -> Table:
         words,
         data["longest_sentence"],
         tuple(data["exempt"]),
-        frozenset(
-            file.name for folder in data["exempt"] if folder.startswith("crates") for file in (root / folder).rglob("*.rs")
-        ),
         tuple(data["quoting"]["pages"]),
         frozenset(contracts),
         alternatives(data["ordinary"]["phrases"]) or re.compile(r"(?!)"),

@@ -78,8 +78,8 @@ def test_old_words_may_be_quoted() -> None:
     assert found("<!-- words: old -->\n\n| ours | new |\n|---|---|\n| clue | factor |\n\nA clue.\n") == [(7, "words")]
 
 
-def test_files_of_exempt_folders_may_be_named() -> None:
-    assert found("See `pipeline/tracks/stretch.rs` and `calibrate/src/witness.rs`, `way.rs`.\n") == []
+def test_files_may_not_have_old_names() -> None:
+    assert found("See `view/src/camera.rs`.\n") == []
     assert found("See `view/src/look.rs`.\n") == [(1, "words")]
 
 

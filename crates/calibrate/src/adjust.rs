@@ -23,7 +23,7 @@ pub(crate) struct MeasuredLink {
     pub weight: f64,
 }
 
-/// Change of a point in one sweep below which the adjustment ends, px.
+/// Change of a point in one pass below which the adjustment ends, px.
 const STILL_PX: f64 = 1e-3;
 
 /// Returns the adjusted positions. A position is the mapping from the world picture to the reference, px. The world

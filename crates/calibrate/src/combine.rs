@@ -32,8 +32,8 @@ struct Mean {
 /// Combines the observations of one stationary car, given in the order of time, to robust means of the keypoints (px)
 /// with the covariance that remains (px²).
 #[must_use]
-pub fn combine(looks: &[&KeypointSet]) -> Box<KeypointSet> {
-    let means: Vec<Option<Mean>> = (0..KEYPOINTS).map(|i| mean_of(looks, i)).collect();
+pub fn combine(sets: &[&KeypointSet]) -> Box<KeypointSet> {
+    let means: Vec<Option<Mean>> = (0..KEYPOINTS).map(|i| mean_of(sets, i)).collect();
     let total = |of: fn(&Mean) -> f64| means.iter().flatten().map(of).sum::<f64>();
     let ratio = total(|mean| mean.scatter) / total(|mean| mean.frames - 1.0).max(1.0);
     let correlation = (total(|mean| mean.lagged) / total(|mean| mean.own).max(1e-300)).clamp(0.0, 0.98);
@@ -47,13 +47,13 @@ pub fn combine(looks: &[&KeypointSet]) -> Box<KeypointSet> {
 /// Returns the robust mean of one keypoint.
 ///
 /// `None` where most frames lack the keypoint. Observations with a singular covariance do not count.
-fn mean_of(looks: &[&KeypointSet], index: usize) -> Option<Mean> {
-    let seen: Vec<(&Keypoint, Matrix2<f64>)> = looks
+fn mean_of(sets: &[&KeypointSet], index: usize) -> Option<Mean> {
+    let seen: Vec<(&Keypoint, Matrix2<f64>)> = sets
         .iter()
         .filter_map(|set| set[index].as_ref())
         .filter_map(|point| Some((point, point.covariance_px2.cholesky()?.inverse())))
         .collect();
-    if 2 * seen.len() < looks.len() {
+    if 2 * seen.len() < sets.len() {
         return None;
     }
     let middle = |axis: usize| median(&mut seen.iter().map(|(p, _)| p.pixel[axis]).collect::<Vec<_>>());
@@ -83,7 +83,7 @@ fn mean_of(looks: &[&KeypointSet], index: usize) -> Option<Mean> {
     let squares = seen.iter().zip(&deviations).map(square).zip(&weights);
     let point = Keypoint {
         pixel,
-        score: seen.iter().map(|(point, _)| point.score).sum::<f64>() / looks.len() as f64,
+        score: seen.iter().map(|(point, _)| point.score).sum::<f64>() / sets.len() as f64,
         covariance_px2: total.cholesky()?.inverse() * frames,
     };
     Some(Mean {
@@ -112,9 +112,9 @@ mod tests {
                 score: 1.0,
                 covariance_px2: Matrix2::identity() * 16.0,
             };
-            let looks: Vec<KeypointSet> = (0..100).map(|_| std::array::from_fn(|_| Some(point()))).collect();
-            let looks: Vec<&KeypointSet> = looks.iter().collect();
-            let scatter: f64 = (0..KEYPOINTS).map(|i| mean_of(&looks, i).unwrap().scatter).sum();
+            let sets: Vec<KeypointSet> = (0..100).map(|_| std::array::from_fn(|_| Some(point()))).collect();
+            let sets: Vec<&KeypointSet> = sets.iter().collect();
+            let scatter: f64 = (0..KEYPOINTS).map(|i| mean_of(&sets, i).unwrap().scatter).sum();
             let ratio = scatter / (99 * KEYPOINTS) as f64;
             assert!((ratio - expected).abs() < tolerance, "{ratio} for {white}");
         }

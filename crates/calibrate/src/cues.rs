@@ -33,8 +33,8 @@ impl SceneView {
     }
 }
 
-/// Evaluates the cues of each position beside the windows and the factors of `options`: edges of the scene that may be
-/// vertical (`lines`), and the focal length from turns and zooms (`turns`), by camera position.
+/// Evaluates the cues of each camera position beside the windows and the factors of `options`. The cues are edges of the
+/// scene that may be vertical (`lines`), and the focal length from turns and zooms (`turns`).
 ///
 /// A position without a camera has no result. Neither has a camera whose focal length the user gave.
 #[must_use]

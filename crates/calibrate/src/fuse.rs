@@ -3,10 +3,10 @@
 //! The unknowns are (log f, tilt, roll, log h) of each camera position, and the size of the place's cars. The evidence
 //! is
 //!
-//! - the cars: each window gives a Gaussian of (log f, tilt, roll, log h) from their keypoints, with its dependence on
-//!   the errors that all cars of the place share; the mean of the windows of a position counts as a Gaussian of (log f,
-//!   horizon, roll, log h);
-//! - [`Factor`]s: user constraints, verticals, turns; a factor counts once at its camera position;
+//! - the cars. Each window gives a Gaussian of (log f, tilt, roll, log h) from their keypoints. The Gaussian depends on
+//!   the errors that all cars of the place share. The mean of the windows of a position counts as a Gaussian of (log f,
+//!   horizon, roll, log h).
+//! - [`Factor`]s: user constraints, verticals, turns. A factor counts once at its camera position.
 //! - the focal length that the two planes of a folded ground have in common, and the camera's prior.
 //!
 //! Some results use a part of the evidence: the camera by cars alone has no factors ([`FuseOptions::for_cars`]).

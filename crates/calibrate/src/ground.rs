@@ -21,9 +21,9 @@ use crate::{LinkId, VerticalVanishingPoint};
 /// Sd of a car's log size, which its views share. It is the median sd of the log height that the keypoints of a single
 /// car leave open, on eight rendered streets (0.052).
 const SIZE_SD: f64 = 0.05;
-/// Sds of the keypoint net's errors that depend on the size of a car in the picture: of the tilt (rad) and of the log
-/// height, per unit of the log of the box's side. They are estimates: as large as the error of the elevation that all
-/// cars share (`solve.shared_view_sd_deg`), and as the error of a car's size.
+/// Sds of the keypoint net's errors that depend on the size of a car in the picture, per unit of the log of the box's
+/// side. The first is that of the tilt (rad), the second that of the log height. They are estimates: as large as the
+/// error of the elevation that all cars share (`solve.shared_view_sd_deg`), and as the error of a car's size.
 const BY_SIZE_SD: [f64; 2] = [0.016, SIZE_SD];
 /// Index of the errors that depend on size, after the plane.
 const BY_SIZE: usize = 3;

@@ -44,7 +44,7 @@ const KINDS: usize = SHARES.len() * CROOKED_PX.len();
 /// Mean distance of a curved edge's midpoint from the line through its ends, as a share of the picture's width.
 const STRAY_SHARE: f64 = 0.0035;
 /// Range of the distortion on the grid ([`Lens::distortion`], dimensionless).
-const BENDS: [f64; 2] = [-0.6, 0.2];
+const DISTORTIONS: [f64; 2] = [-0.6, 0.2];
 /// Step of the grid of distortions (dimensionless). A turn that shows the distortion more accurately makes a finer one.
 const STEP: f64 = STRAIGHT_SD / 2.0;
 /// Reach of a finer grid to either side of the turn's distortion, and its step, in sds.
@@ -60,10 +60,10 @@ const GREATEST_K1: f64 = 0.05;
 #[derive(Clone, Debug, PartialEq)]
 pub struct LensView {
     size: ImageSize,
-    bends: Vec<f64>,
+    distortions: Vec<f64>,
     /// Distortion that the turns of the camera show.
     turned: Option<TurnedLens>,
-    /// Log likelihood of the edges of each side of the picture, for each of [`KINDS`], over `bends`.
+    /// Log likelihood of the edges of each side of the picture, for each of [`KINDS`], over `distortions`.
     sides: [[Vec<f64>; KINDS]; SIDES],
 }
 
@@ -76,12 +76,12 @@ impl LensView {
     pub fn of(curves: &[SceneCurve], turned: Option<TurnedLens>, size: ImageSize) -> Self {
         let curves = &curves[..curves.len().min(MOST_EDGES)];
         let stray_px = STRAY_SHARE * f64::from(size.width);
-        let bends = grid(turned);
-        let mut sides = std::array::from_fn(|_| std::array::from_fn(|_| vec![0.0; bends.len()]));
+        let distortions = grid(turned);
+        let mut sides = std::array::from_fn(|_| std::array::from_fn(|_| vec![0.0; distortions.len()]));
         for curve in curves.iter().filter(|curve| curve.is_sound()) {
             let side: &mut [Vec<f64>; KINDS] = &mut sides[side_of(curve, size)];
-            for (i, bend) in bends.iter().copied().enumerate() {
-                let off_px = off_line(curve, Lens::with_distortion(bend, size), size);
+            for (i, distortion) in distortions.iter().copied().enumerate() {
+                let off_px = off_line(curve, Lens::with_distortion(distortion, size), size);
                 let stray = (-off_px.abs() / stray_px).exp() / (2.0 * stray_px);
                 let straight = CROOKED_PX.map(|crooked_px| {
                     let sd_px = curve.sd_px.hypot(crooked_px);
@@ -93,16 +93,19 @@ impl LensView {
                 }
             }
         }
-        Self { size, bends, turned, sides }
+        Self { size, distortions, turned, sides }
     }
 
     /// Returns the log likelihood over the grid of the turns, and of the edges of all sides except `but`.
     fn logs(&self, but: Option<usize>) -> Vec<f64> {
         let sides = || (0..SIDES).filter(|side| but != Some(*side)).map(|side| &self.sides[side]);
         let of_kind = |i: usize, kind: usize| sides().map(|side| side[kind][i]).sum::<f64>();
-        let of_turns = |bend: f64| self.turned.map_or(0.0, |[mean, sd]| -0.5 * ((bend - mean) / sd).powi(2));
-        let bends = self.bends.iter().enumerate();
-        bends.map(|(i, bend)| of_turns(*bend) + log_sum((0..KINDS).map(|kind| of_kind(i, kind)))).collect()
+        let of_turns =
+            |distortion: f64| self.turned.map_or(0.0, |[mean, sd]| -0.5 * ((distortion - mean) / sd).powi(2));
+        let distortions = self.distortions.iter().enumerate();
+        distortions
+            .map(|(i, distortion)| of_turns(*distortion) + log_sum((0..KINDS).map(|kind| of_kind(i, kind))))
+            .collect()
     }
 
     /// Returns the lens and the sd of its distortion ([`Lens::distortion`], dimensionless), if the edges or the turns
@@ -113,15 +116,15 @@ impl LensView {
             let [mean, sd] = self.distortion(log_focal)?;
             return Some((Lens::with_distortion(mean, self.size), sd));
         }
-        let bent = self.prior(log_focal, 0.0);
+        let distorted = self.prior(log_focal, 0.0);
         let straight = self.prior(log_focal, 1.0);
         let gain = |but: Option<usize>| {
             let logs = self.logs(but);
             let explained =
                 |prior: &[f64]| log_sum(logs.iter().zip(prior).map(|(log, prior)| log + prior.ln()));
-            explained(&bent) - explained(&straight)
+            explained(&distorted) - explained(&straight)
         };
-        let [mean, sd] = self.moments(&bent)?;
+        let [mean, sd] = self.moments(&distorted)?;
         // Kerbs and markings of a curved road all curve alike, and lie on one side of the picture. A lens curves the
         // edges of the opposite side the other way. So the edges without those of any one side must not contradict the
         // lens.
@@ -147,13 +150,13 @@ impl LensView {
     ///
     /// `straight_share` is the prior share of pictures without distortion.
     fn prior(&self, [log_focal, sd]: LogFocal, straight_share: f64) -> Vec<f64> {
-        let mut prior = vec![0.0; self.bends.len()];
+        let mut prior = vec![0.0; self.distortions.len()];
         for (z, weight) in normal_points() {
-            let [mean, sd] = bend_of_lenses((log_focal + z * sd).exp(), self.size);
-            for (density, bend) in prior.iter_mut().zip(self.bends.iter().copied()) {
-                let bent = normal((bend - mean) / sd) / sd;
-                let straight = normal(bend / STRAIGHT_SD) / STRAIGHT_SD;
-                *density += weight * ((1.0 - straight_share) * bent + straight_share * straight);
+            let [mean, sd] = distortion_of_lenses((log_focal + z * sd).exp(), self.size);
+            for (density, distortion) in prior.iter_mut().zip(self.distortions.iter().copied()) {
+                let distorted = normal((distortion - mean) / sd) / sd;
+                let straight = normal(distortion / STRAIGHT_SD) / STRAIGHT_SD;
+                *density += weight * ((1.0 - straight_share) * distorted + straight_share * straight);
             }
         }
         let sum: f64 = prior.iter().sum();
@@ -168,37 +171,42 @@ impl LensView {
             logs.iter().zip(prior).map(|(log, prior)| (log - most).exp() * prior).collect();
         let sum: f64 = weights.iter().sum();
         let mean_of = |value: &dyn Fn(f64) -> f64| {
-            self.bends.iter().zip(&weights).map(|(bend, weight)| value(*bend) * weight).sum::<f64>() / sum
+            self.distortions
+                .iter()
+                .zip(&weights)
+                .map(|(distortion, weight)| value(*distortion) * weight)
+                .sum::<f64>()
+                / sum
         };
-        let mean = mean_of(&|bend| bend);
-        let variance = mean_of(&|bend| (bend - mean).powi(2));
-        let step = self.bends.windows(2).map(|two| two[1] - two[0]).next().unwrap_or(STEP);
+        let mean = mean_of(&|distortion| distortion);
+        let variance = mean_of(&|distortion| (distortion - mean).powi(2));
+        let step = self.distortions.windows(2).map(|two| two[1] - two[0]).next().unwrap_or(STEP);
         (mean.is_finite() && variance.is_finite()).then(|| [mean, variance.sqrt().max(step)])
     }
 }
 
 /// Returns the distortion that a k1 of 1 causes, for a focal length in px.
-fn bend_of_one(focal_px: f64, size: ImageSize) -> f64 {
+fn distortion_of_one(focal_px: f64, size: ImageSize) -> f64 {
     (0.5 * f64::from(size.width) / focal_px).powi(2)
 }
 
 /// Returns the greatest distortion that lenses of a focal length (px) have; it corresponds to `GREATEST_K1`.
-pub(crate) fn greatest_bend(focal_px: f64, size: ImageSize) -> f64 {
-    GREATEST_K1 * bend_of_one(focal_px, size)
+pub(crate) fn greatest_distortion(focal_px: f64, size: ImageSize) -> f64 {
+    GREATEST_K1 * distortion_of_one(focal_px, size)
 }
 
 /// Returns the mean and sd of the distortion of lenses of a focal length (px), where the camera did not correct it.
-pub(crate) fn bend_of_lenses(focal_px: f64, size: ImageSize) -> [f64; 2] {
-    let wide = bend_of_one(focal_px, size);
+pub(crate) fn distortion_of_lenses(focal_px: f64, size: ImageSize) -> [f64; 2] {
+    let wide = distortion_of_one(focal_px, size);
     [K1[0] * wide, (K1[1] * wide).hypot(STRAIGHT_SD)]
 }
 
 /// Returns the grid of distortions: the whole range, or the part that an accurate turn allows, with a finer step.
 fn grid(turned: Option<TurnedLens>) -> Vec<f64> {
     let accurate = turned.filter(|[_, sd]| FINE[1] * sd < STEP);
-    let (ends, step) = accurate.map_or((BENDS, STEP), |[mean, sd]| {
+    let (ends, step) = accurate.map_or((DISTORTIONS, STEP), |[mean, sd]| {
         let reach = FINE[0] * sd;
-        let middle = mean.clamp(BENDS[0] + reach, BENDS[1] - reach);
+        let middle = mean.clamp(DISTORTIONS[0] + reach, DISTORTIONS[1] - reach);
         ([middle - reach, middle + reach], FINE[1] * sd)
     });
     let count = ((ends[1] - ends[0]) / step).round() as usize;
@@ -255,8 +263,8 @@ mod tests {
     const ANY: LogFocal = [7.742, 0.6];
 
     /// Returns edges all over the picture as a lens shows them; every third one may be curved.
-    fn curves(bend: f64, count: u32) -> Vec<SceneCurve> {
-        let lens = Lens::with_distortion(bend, SIZE);
+    fn curves(distortion: f64, count: u32) -> Vec<SceneCurve> {
+        let lens = Lens::with_distortion(distortion, SIZE);
         let spread = |i: u32, k: u32| f64::from(i.wrapping_mul(k) % 97) / 97.0 - 0.5;
         let curve = |i: u32| {
             let middle = Vector2::new(1600.0 * spread(i, 37), 900.0 * spread(i, 53));
@@ -272,11 +280,11 @@ mod tests {
     }
 
     #[test]
-    fn the_lens_is_found_among_bent_things() {
-        for bend in [-0.25, -0.15, -0.05] {
-            let found = LensView::of(&curves(bend, 90), None, SIZE).found(ANY).unwrap();
-            let off = found.0.distortion(SIZE) - bend;
-            assert!(off.abs() < 3.0 * found.1 && found.1 < 0.01, "{bend}: {found:?}");
+    fn the_lens_is_found_among_curved_things() {
+        for distortion in [-0.25, -0.15, -0.05] {
+            let found = LensView::of(&curves(distortion, 90), None, SIZE).found(ANY).unwrap();
+            let off = found.0.distortion(SIZE) - distortion;
+            assert!(off.abs() < 3.0 * found.1 && found.1 < 0.01, "{distortion}: {found:?}");
         }
     }
 
@@ -303,9 +311,9 @@ mod tests {
 
     #[test]
     fn no_narrow_view_has_the_distortion_of_a_wide_one() {
-        let bent = LensView::of(&curves(-0.25, 90), None, SIZE);
-        assert!(bent.found([800_f64.ln(), 0.05]).is_some());
-        assert_eq!(bent.found([8000_f64.ln(), 0.05]), None);
+        let distorted = LensView::of(&curves(-0.25, 90), None, SIZE);
+        assert!(distorted.found([800_f64.ln(), 0.05]).is_some());
+        assert_eq!(distorted.found([8000_f64.ln(), 0.05]), None);
     }
 
     #[test]
@@ -320,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_known_of_the_lens_depends_on_the_focal_length() {
+    fn the_prior_of_the_lens_depends_on_the_focal_length() {
         let bare = LensView::of(&[], None, SIZE);
         let sd = |focal_px: f64| bare.sd_about(Lens::STRAIGHT, [focal_px.ln(), 0.05]);
         assert!(sd(5000.0) < 0.01 && sd(1000.0) > 0.08, "{} {}", sd(5000.0), sd(1000.0));

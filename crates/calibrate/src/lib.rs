@@ -26,6 +26,7 @@
 mod adjust;
 mod combine;
 mod cues;
+mod epochs;
 mod evidence;
 mod factors;
 mod fuse;
@@ -34,13 +35,12 @@ mod lens;
 mod linker;
 mod one_camera;
 mod places;
-mod remember;
 mod select;
-mod stretch;
 mod turned_camera;
 mod turned_lens;
 mod turns;
 mod verticals;
+mod view;
 
 /// Largest number of rounds of an iteration that ends where nothing changes.
 const MOST_ROUNDS: usize = 200;
@@ -50,6 +50,7 @@ const CONTRADICTS: f64 = 30.0;
 
 pub use combine::combine;
 pub use cues::{SceneView, cues};
+pub use epochs::{Epoch, SameView, epochs, joins, same_vehicle};
 pub use evidence::{EvidenceBuilder, Window};
 pub use factors::{Factor, Length, Survey, VerticalVanishingPoint, derivatives_by_camera};
 pub use fuse::{CarIdentity, CarUse, FuseOptions, Joined, LEAST_SD, WindowEstimate, condense, fuse, join};
@@ -58,10 +59,9 @@ pub use lens::{LensView, LogFocal, STRAIGHT_SD};
 pub use linker::{LinkId, Linker};
 pub use one_camera::OneCamera;
 pub use places::{Places, PlacesBuilder};
-pub use remember::{Epoch, SameView, epochs, joins, same_vehicle};
 pub use select::ViewSelector;
-pub use stretch::View;
 pub use turned_camera::turned_information;
 pub use turned_lens::{TurnedLens, TurnedLensBuilder};
 pub use turns::Turns;
 pub use verticals::{Verticals, verticals};
+pub use view::View;

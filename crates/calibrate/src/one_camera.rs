@@ -4,8 +4,8 @@
 //! [`Places`]). For a camera that turns and zooms about its centre this is exact, whatever the distances. So the solver
 //! and the tracker see one camera. Frames between two inference frames get an interpolated motion.
 //!
-//! Vehicles are removed from pictures that lie on no place: after a cut, in a view that is too short for a place, or
-//! from a camera that is carried along. They are also removed from pictures without information.
+//! Vehicles are removed from pictures that lie on no place. Such pictures come after a cut, from a view that is too short
+//! for a place, or from a camera that is carried along. Vehicles are also removed from pictures without information.
 
 use std::collections::VecDeque;
 use std::sync::Arc;

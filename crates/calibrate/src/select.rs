@@ -7,7 +7,7 @@ use roadplane_base::{CarRecord, FrameRecord, VehicleClass, bbox_cut, bbox_iou};
 use crate::{
     LinkId,
     fuse::VIEW_CORRELATION,
-    stretch::{Stretch, View},
+    view::{OpenView, View},
 };
 
 /// Least overlap (intersection over union) of two boxes of the same vehicle; it may have left its bay and returned.
@@ -32,7 +32,7 @@ pub struct ViewSelector {
     /// Number of views beyond which only views of certain cars are taken: those found in many frames.
     pub enough_views: usize,
     /// Views that are not complete yet, by car.
-    open: BTreeMap<LinkId, Stretch>,
+    open: BTreeMap<LinkId, OpenView>,
     /// Complete views of the current window.
     candidates: Vec<View>,
     /// Cars that left the place of an earlier view in this window.
@@ -53,11 +53,11 @@ impl ViewSelector {
     pub fn push(&mut self, frame: &FrameRecord, links: &[LinkId]) {
         for (car, &link) in frame.cars.iter().zip(links) {
             *self.seen.entry(link).or_default() += 1;
-            let Some(look) = look(frame, car, link) else { continue };
+            let Some(view) = view_of(frame, car, link) else { continue };
             match self.open.get_mut(&link) {
-                Some(stretch) if !stretch.is_left_by(car) => stretch.push(look),
+                Some(open) if !open.is_left_by(car) => open.push(view),
                 _ => {
-                    if let Some(left) = self.open.insert(link, Stretch::new(look)) {
+                    if let Some(left) = self.open.insert(link, OpenView::new(view)) {
                         self.candidates.extend(left.view());
                         self.moved.insert(link);
                     }
@@ -73,7 +73,7 @@ impl ViewSelector {
 
     /// Ends the window and returns its views, best first. The next frame starts a new window.
     pub fn take(&mut self) -> Vec<View> {
-        self.candidates.extend(std::mem::take(&mut self.open).values().filter_map(Stretch::view));
+        self.candidates.extend(std::mem::take(&mut self.open).values().filter_map(OpenView::view));
         let mut chosen = self.best(self.max_views, self.enough_views);
         self.candidates.clear();
         self.moved.clear();
@@ -124,7 +124,7 @@ impl ViewSelector {
 }
 
 /// Returns the observation of a car in a frame; `None` where it does not meet the requirements.
-fn look(frame: &FrameRecord, car: &CarRecord, link: LinkId) -> Option<View> {
+fn view_of(frame: &FrameRecord, car: &CarRecord, link: LinkId) -> Option<View> {
     let keypoints = car.keypoints.as_ref()?;
     let seen: f64 = keypoints.iter().flatten().map(|point| point.score).sum();
     if car.class != VehicleClass::Car || car.longer_side_px() < MIN_SIDE_PX || seen < MIN_KEYPOINTS {

@@ -2,7 +2,7 @@
 //!
 //! A camera that turns by R and zooms by g maps pixels by `K_g R K⁻¹`. How much the corners of the picture move compared
 //! with its middle depends on the focal length (Hartley 1997, Agapito, Hayman and Reid 2001). For each focal length of a
-//! grid, the rotation and the zoom that fit a registration best are removed. What remains is its misfit.
+//! grid, the rotation and the zoom that fit a registration best are removed. The rest is its misfit.
 
 use nalgebra::{Matrix3, Matrix4, Vector2, Vector3, Vector4};
 use roadplane_base::{Camera, Homography, ImageSize, Registration, Turn, bbox_grid};
@@ -19,8 +19,8 @@ const STEP: f64 = 0.0586;
 /// Least displacement of a picture that counts, as a share of its width. Smaller turns hardly show the focal length.
 const LEAST_TURN: f64 = 0.02;
 /// Least misfit of a camera that is carried along, as a multiple of the misfit that the sds predict (root mean square).
-/// Measured on references: at most 1.6 for 30 rendered pans and 20 films; 1.2 to 8 for rendered cameras that are carried at
-/// 8 m/s, whose references soon leave the view; 32 to 154 for the plane of a road that is passed at 1 m/s.
+/// Measured on references: at most 1.6 for 30 rendered pans and 20 films. Rendered cameras that are carried at 8 m/s have
+/// 1.2 to 8, as their references soon leave the view. The plane of a road that is passed at 1 m/s has 32 to 154.
 const TRAVELLING: f64 = 3.0;
 /// Largest half χ² of one picture in that decision: twice the limit. So the decision needs half of the pictures, and a
 /// few registrations on vehicles that fill the picture do not make it.
@@ -187,8 +187,8 @@ impl Rest {
         self.count += 1.0;
     }
 
-    /// Returns the mean square of what the numbers do not explain; 0 if the data do not determine the numbers, so that
-    /// they can explain everything.
+    /// Returns the mean square of the residuals. It is 0 if the data do not determine the numbers, as the numbers then
+    /// explain everything.
     fn mean(&self) -> f64 {
         match self.normal.cholesky() {
             Some(normal) if self.count > 4.0 => {

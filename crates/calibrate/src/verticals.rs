@@ -4,8 +4,8 @@
 //! vertical lines meet in one point or are parallel. This point and the horizon lie on opposite sides of the principal
 //! point. The product of their distances is focal² (Caprile and Torre 1990).
 //!
-//! At the pixel p a vertical line runs along `(sin roll, −cos roll) + bend · p`. Here `bend` is tan(tilt) / focal, the
-//! inverse distance of the vertical vanishing point, 1/px.
+//! At the pixel p a vertical line runs along `(sin roll, −cos roll) + inverse_distance · p`. Here `inverse_distance` is
+//! the inverse distance of the vertical vanishing point, tan(tilt) / focal, 1/px.
 //!
 //! Edges are a mixture. An unknown share is vertical up to a lean and the edge's own sd; the others point anywhere. The
 //! inverse distance, the roll and the lens distortion are searched on a grid ([`field`](self::field)). Edges beside
@@ -23,7 +23,9 @@ use roadplane_base::{Camera, CameraEstimate, SceneLine};
 
 use self::field::{Field, Node};
 use crate::factors::{VerticalVanishingPoint, WEAKEST};
-use crate::lens::{LEAST_GAIN, MOST_EDGES, STRAIGHT_SD, bend_of_lenses, greatest_bend, normal_points};
+use crate::lens::{
+    LEAST_GAIN, MOST_EDGES, STRAIGHT_SD, distortion_of_lenses, greatest_distortion, normal_points,
+};
 
 /// The vertical of a scene.
 #[derive(Clone, Debug, PartialEq)]
@@ -49,26 +51,23 @@ pub fn verticals(lines: &[SceneLine], cars: &CameraEstimate) -> Option<Verticals
         return None;
     }
     let (mean, covariance) = moments(&field, &prior, best)?;
-    let (bend, roll, lens) = (mean.x, mean.y, mean.z);
+    let (inverse_distance, roll, lens) = (mean.x, mean.y, mean.z);
     let mut covariance = covariance.fixed_view::<2, 2>(0, 0).into_owned();
     // An error of the principal point shifts the centre of the vertical lines and of the lens distortion.
     let principal_point = Camera::PRINCIPAL_POINT_SD * width;
     let of_lens = 2.0 * lens / (field.half_width * field.half_width);
-    covariance[(0, 0)] += (principal_point * (bend * bend).hypot(of_lens)).powi(2);
-    covariance[(1, 1)] += (principal_point * bend).powi(2);
-    // Log focal is (log horizon − log `bend`) / 2. A slope of the road changes `bend`, but not the horizon from cars.
-    let tilt = (bend * prior.focal_px).atan();
+    covariance[(0, 0)] += (principal_point * (inverse_distance * inverse_distance).hypot(of_lens)).powi(2);
+    covariance[(1, 1)] += (principal_point * inverse_distance).powi(2);
+    // Log focal is (log horizon − log `inverse_distance`) / 2. A slope of the road changes `inverse_distance`, but not the
+    // horizon from cars.
+    let tilt = (inverse_distance * prior.focal_px).atan();
     let slope = VerticalVanishingPoint::SLOPE_SD / (tilt.sin() * tilt.cos());
-    let log_focal_sd = 0.5 * (covariance[(0, 0)].sqrt() / bend).hypot(slope);
-    if !(bend > 0.0 && log_focal_sd < WEAKEST) {
+    let log_focal_sd = 0.5 * (covariance[(0, 0)].sqrt() / inverse_distance).hypot(slope);
+    if !(inverse_distance > 0.0 && log_focal_sd < WEAKEST) {
         return None;
     }
     let upright = field.trust(&mean).into_iter().map(|trust| trust > 0.5).collect();
-    Some(Verticals {
-        factor: VerticalVanishingPoint { inverse_distance: bend, roll, covariance },
-        gain,
-        upright,
-    })
+    Some(Verticals { factor: VerticalVanishingPoint { inverse_distance, roll, covariance }, gain, upright })
 }
 
 /// Prior of the vertical and the lens from the cars.
@@ -100,7 +99,7 @@ impl Prior {
         }
         let size = cars.image_size_px;
         let (lens, greatest_lens) = match cars.distortion_sd {
-            None => (bend_of_lenses(focal_px, size), greatest_bend(focal_px, size)),
+            None => (distortion_of_lenses(focal_px, size), greatest_distortion(focal_px, size)),
             Some(sd) => ([cars.lens.distortion(size), sd.max(STRAIGHT_SD)], f64::INFINITY),
         };
         Some(Self {
@@ -113,17 +112,17 @@ impl Prior {
         })
     }
 
-    /// Returns the density of an inverse distance `bend` (1/px), up to a constant.
+    /// Returns the density of an inverse distance `inverse_distance` (1/px), up to a constant.
     ///
     /// It averages over the focal length along the horizon, and over slopes of the road.
-    fn of_bend(&self, bend: f64) -> f64 {
+    fn of_inverse_distance(&self, inverse_distance: f64) -> f64 {
         let density = |(z, weight): (f64, f64)| {
             let focal_px = self.focal_px * (z * self.log_focal_sd).exp();
             let tilt = (self.horizon[0] / focal_px).atan();
             let horizon_sd = 2.0 * self.horizon[1] / focal_px * tilt.cos().powi(2);
-            let seen = bend * focal_px;
-            let per_bend = focal_px / (1.0 + seen * seen);
-            weight * sloped(seen.atan() - tilt, horizon_sd) * per_bend
+            let seen = inverse_distance * focal_px;
+            let per_inverse_distance = focal_px / (1.0 + seen * seen);
+            weight * sloped(seen.atan() - tilt, horizon_sd) * per_inverse_distance
         };
         normal_points().map(density).sum()
     }
@@ -165,12 +164,14 @@ const UNLIKELY: f64 = 1e-5;
 fn search(field: &Field, prior: &Prior) -> Option<(Node, f64)> {
     let half = field.half_width;
     let count = |reach: f64| (reach / SEARCH_STEP) as i32;
-    let bends: Vec<(f64, f64)> = (1..count(1.0))
+    let inverse_distances: Vec<(f64, f64)> = (1..count(1.0))
         .map(|i| {
             let angle = (f64::from(i) - 0.5) * SEARCH_STEP;
             (angle.tan() / half, SEARCH_STEP / angle.cos().powi(2) / half)
         })
-        .map(|(bend, step)| (bend, step * prior.of_bend(bend)))
+        .map(|(inverse_distance, step)| {
+            (inverse_distance, step * prior.of_inverse_distance(inverse_distance))
+        })
         .collect();
     let reach = count(2.0 * REACH * VerticalVanishingPoint::SLOPE_SD);
     let rolls: Vec<(f64, f64)> = (-reach..=reach)
@@ -183,15 +184,15 @@ fn search(field: &Field, prior: &Prior) -> Option<(Node, f64)> {
         .collect();
     let total = |of: &[(f64, f64)]| of.iter().map(|(_, weight)| weight).sum::<f64>();
     let most = |of: &[(f64, f64)]| of.iter().map(|(_, weight)| *weight).fold(0.0, f64::max);
-    let all = total(&bends) * total(&rolls) * total(&lenses);
-    let least = UNLIKELY * most(&bends) * most(&rolls);
+    let all = total(&inverse_distances) * total(&rolls) * total(&lenses);
+    let least = UNLIKELY * most(&inverse_distances) * most(&rolls);
     let mut found: Vec<(Node, f64)> = Vec::new();
     for (lens, of_lens) in &lenses {
         let seen = field.undistorted(*lens);
-        for (bend, of_bend) in &bends {
-            for (roll, of_roll) in rolls.iter().filter(|(_, of_roll)| of_bend * of_roll > least) {
-                let node = Node::new(*bend, *roll, *lens);
-                let weight = (of_bend * of_roll * of_lens / all).ln();
+        for (inverse_distance, of_inverse_distance) in &inverse_distances {
+            for (roll, of_roll) in rolls.iter().filter(|(_, of_roll)| of_inverse_distance * of_roll > least) {
+                let node = Node::new(*inverse_distance, *roll, *lens);
+                let weight = (of_inverse_distance * of_roll * of_lens / all).ln();
                 found.push((node, weight + field.log_ratio(&seen, &node)));
             }
         }
@@ -201,7 +202,8 @@ fn search(field: &Field, prior: &Prior) -> Option<(Node, f64)> {
     Some((best.0, best.1 + sum.ln()))
 }
 
-/// Returns the mean node and the covariance of (`bend`, roll, lens) given the edges and the lens prior, without the cars.
+/// Returns the mean node and the covariance of (`inverse_distance`, roll, lens), given the edges and the lens prior and
+/// without the cars.
 ///
 /// `None` where the covariance is not finite or not positive definite.
 fn moments(field: &Field, prior: &Prior, best: Node) -> Option<(Node, Matrix3<f64>)> {

@@ -50,7 +50,7 @@ pub struct Edge {
     /// Largest hidden part S, px.
     pub reach_px: f64,
     /// Number of independent observations that the edge counts as.
-    pub looks: f64,
+    pub independent: f64,
 }
 
 impl Edge {
@@ -71,7 +71,7 @@ impl Edge {
     /// Whether the edge is more probably the body's own than not. `inside` is the distance by which it lies inside the
     /// body's own edge, in sds.
     pub fn is_own(&self, inside: f64) -> bool {
-        self.cost_and_weight(inside).1 > 0.5 * self.looks
+        self.cost_and_weight(inside).1 > 0.5 * self.independent
     }
 
     /// Returns the negative log density of an edge that lies `inside` the body's own by so many sds, up to a constant.
@@ -83,7 +83,7 @@ impl Edge {
         let hidden = self.hidden * share;
         let (pulls, rest) = if inside < 0.0 { (own + hidden * near, 0.0) } else { (own, hidden) };
         let all = pulls + rest + WRONG * share;
-        (-self.looks * all.ln(), self.looks * pulls / all)
+        (-self.independent * all.ln(), self.independent * pulls / all)
     }
 }
 
@@ -93,7 +93,7 @@ mod tests {
 
     /// Returns an edge at 0 px with an sd of 2 px that is hidden with this probability.
     fn edge(hidden: f64) -> Edge {
-        Edge { seen_px: 0.0, sd_px: 2.0, hidden, reach_px: 100.0, looks: 1.0 }
+        Edge { seen_px: 0.0, sd_px: 2.0, hidden, reach_px: 100.0, independent: 1.0 }
     }
 
     #[test]

@@ -12,6 +12,6 @@ pub(crate) mod krtd;
 pub(crate) mod lens;
 pub(crate) mod memory;
 pub(crate) mod optics;
-mod remembered;
 mod second_plane;
+mod stored;
 mod window;

@@ -39,7 +39,7 @@ impl BoxMotion {
     }
 
     /// Adds a detection of a stationary vehicle in this box (px), at a time (s).
-    pub(crate) fn stand(&mut self, bbox_px: [f64; 4], time_s: f64) {
+    pub(crate) fn rest(&mut self, bbox_px: [f64; 4], time_s: f64) {
         self.velocity_px_s = Vector2::zeros();
         (self.last_px, self.last_s) = (bbox_px, time_s);
         self.seen += 1;

@@ -16,7 +16,7 @@ use crate::{
     Detection, Scene,
     chain::Blocks,
     descent::descend,
-    measurement::Sighting,
+    measurement::Observation,
     noise::COMMON_SHARE,
     vehicle::{State, Vehicle, moved, origin},
 };
@@ -34,7 +34,7 @@ type Border = SMatrix<f64, 5, SHARED>;
 const EASED: [f64; 3] = [8.0, 3.0, 1.0];
 
 /// The observation of one node: its box, combined from one or more detections.
-pub(crate) struct Look {
+pub(crate) struct BoxEvidence {
     stamp: FrameStamp,
     /// Left, top, right and bottom edge of the box.
     edges: [Edge; 4],
@@ -44,16 +44,17 @@ pub(crate) struct Look {
     count: f64,
 }
 
-impl Look {
+impl BoxEvidence {
     /// Combines the detections of a node: one, or all those of a stationary interval. Each edge is the median over the
     /// detections that show it. `together` is the number of detections from about this position. Returns `None` without
     /// a measured detection.
-    pub(crate) fn of(sightings: &[Sighting], together: f64, stamps: &[FrameStamp]) -> Option<Self> {
-        let first = sightings.iter().find(|o| !o.detection.held)?;
-        let looks: Vec<&Detection> = sightings.iter().map(|o| &o.detection).filter(|o| !o.held).collect();
+    pub(crate) fn of(observations: &[Observation], together: f64, stamps: &[FrameStamp]) -> Option<Self> {
+        let first = observations.iter().find(|o| !o.detection.carried_over)?;
+        let measured: Vec<&Detection> =
+            observations.iter().map(|o| &o.detection).filter(|o| !o.carried_over).collect();
         let edge = |i: usize| {
             let of = |own: bool| {
-                looks.iter().filter(move |o| !own || !o.goes_on()[i]).map(|o| o.bbox_px[i]).collect()
+                measured.iter().filter(move |o| !own || !o.goes_on()[i]).map(|o| o.bbox_px[i]).collect()
             };
             let mut own: Vec<f64> = of(true);
             let is_own = !own.is_empty();
@@ -69,16 +70,16 @@ impl Look {
         let side_px = width_px.min(height_px).max(1.0);
         let edges = std::array::from_fn(|i| {
             let (seen_px, count, is_own) = edges[i];
-            let is_cut = !is_own && looks.iter().any(|o| o.cut[i]);
+            let is_cut = !is_own && measured.iter().any(|o| o.cut[i]);
             Edge {
                 seen_px,
                 sd_px: edge_sd_px(side_px),
                 hidden: Edge::hidden(is_cut, !is_own),
                 reach_px: REACH * side_px,
-                looks: count / (1.0 + (together.max(count) - 1.0) * COMMON_SHARE),
+                independent: count / (1.0 + (together.max(count) - 1.0) * COMMON_SHARE),
             }
         });
-        Some(Self { stamp: stamps[first.frame], edges, side_px, count: looks.len() as f64 })
+        Some(Self { stamp: stamps[first.frame], edges, side_px, count: measured.len() as f64 })
     }
 }
 
@@ -87,7 +88,7 @@ pub(crate) struct ByBoxes<'a, S> {
     /// Motion model of the path, with the poses that were measured there.
     pub vehicle: Vehicle<'a>,
     /// Observation of each node, where boxes place it.
-    pub looks: &'a [Option<Look>],
+    pub evidence: &'a [Option<BoxEvidence>],
     /// Prior of the body.
     pub body: &'a Body,
     /// Length, width and height from which the solution starts, m.
@@ -142,13 +143,13 @@ impl<S: Scene> ByBoxes<'_, S> {
     /// Whether most observations show the whole body, apart from parts behind another vehicle.
     fn is_seen(&self, states: &[State], shared: &Shared) -> Option<bool> {
         let (mut seen, mut all) = (0.0, 0.0);
-        for (state, look) in states.iter().zip(self.looks) {
-            let Some(look) = look else { continue };
+        for (state, boxes) in states.iter().zip(self.evidence) {
+            let Some(boxes) = boxes else { continue };
             let pose = origin(state, self.vehicle.half_wheelbase_m).0;
-            let inside = self.inside(look, &pose, shared, 1.0)?;
+            let inside = self.inside(boxes, &pose, shared, 1.0)?;
             let is_own = |(edge, by): (&Edge, &f64)| edge.is_own(*by) || edge.is_hidden();
-            all += look.count;
-            seen += if look.edges.iter().zip(&inside).all(is_own) { look.count } else { 0.0 };
+            all += boxes.count;
+            seen += if boxes.edges.iter().zip(&inside).all(is_own) { boxes.count } else { 0.0 };
         }
         Some(2.0 * seen >= all)
     }
@@ -168,25 +169,31 @@ impl<S: Scene> ByBoxes<'_, S> {
         let (about, precision) = self.prior()?;
         let off = shared - about;
         let mut total = self.vehicle.cost(states) + 0.5 * off.dot(&(precision * off));
-        for (state, look) in states.iter().zip(self.looks) {
-            let Some(look) = look else { continue };
+        for (state, boxes) in states.iter().zip(self.evidence) {
+            let Some(boxes) = boxes else { continue };
             let pose = origin(state, self.vehicle.half_wheelbase_m).0;
-            let inside = self.inside(look, &pose, shared, ease)?;
+            let inside = self.inside(boxes, &pose, shared, ease)?;
             total +=
-                look.edges.iter().zip(&inside).map(|(edge, by)| edge.cost_and_weight(*by).0).sum::<f64>();
+                boxes.edges.iter().zip(&inside).map(|(edge, by)| edge.cost_and_weight(*by).0).sum::<f64>();
         }
         total.is_finite().then_some(total)
     }
 
     /// Returns how far each edge of the box (left, top, right, bottom) lies inside the body's projected outline. The unit
     /// is the edge's sd times `ease`.
-    fn inside(&self, look: &Look, pose: &Vector3<f64>, shared: &Shared, ease: f64) -> Option<Vector4<f64>> {
+    fn inside(
+        &self,
+        boxes: &BoxEvidence,
+        pose: &Vector3<f64>,
+        shared: &Shared,
+        ease: f64,
+    ) -> Option<Vector4<f64>> {
         let pose = GroundPose { x_m: pose.x, y_m: pose.y, heading_rad: pose.z };
         let dims_m = shared.fixed_rows::<3>(0).into_owned();
-        let body = self.scene.body_px(&look.stamp, &pose, self.body.class, &dims_m)?;
+        let body = self.scene.body_px(&boxes.stamp, &pose, self.body.class, &dims_m)?;
         Some(Vector4::from_fn(|i, _| {
-            let edge_px = body[i] + OUTWARD[i] * shared[3 + i] * look.side_px;
-            OUTWARD[i] * (edge_px - look.edges[i].seen_px) / (ease * look.edges[i].sd_px)
+            let edge_px = body[i] + OUTWARD[i] * shared[3 + i] * boxes.side_px;
+            OUTWARD[i] * (edge_px - boxes.edges[i].seen_px) / (ease * boxes.edges[i].sd_px)
         }))
     }
 
@@ -199,12 +206,12 @@ impl<S: Scene> ByBoxes<'_, S> {
             shared: precision,
             gradient: precision * (shared - about),
         };
-        for (i, (state, look)) in states.iter().zip(self.looks).enumerate() {
-            let Some(look) = look else { continue };
+        for (i, (state, boxes)) in states.iter().zip(self.evidence).enumerate() {
+            let Some(boxes) = boxes else { continue };
             let (pose, by_state) = origin(state, self.vehicle.half_wheelbase_m);
-            let inside = |pose: &_, shared: &_| self.inside(look, pose, shared, ease);
+            let inside = |pose: &_, shared: &_| self.inside(boxes, pose, shared, ease);
             let here = inside(&pose, shared)?;
-            let weights = Vector4::from_fn(|i, _| look.edges[i].cost_and_weight(here[i]).1);
+            let weights = Vector4::from_fn(|i, _| boxes.edges[i].cost_and_weight(here[i]).1);
             let (mut by_pose, mut by_shared) =
                 (SMatrix::<f64, 4, 3>::zeros(), SMatrix::<f64, 4, SHARED>::zeros());
             for p in 0..3 {
@@ -217,8 +224,8 @@ impl<S: Scene> ByBoxes<'_, S> {
                 moved[p] += STEP;
                 by_shared.set_column(p, &((inside(&pose, &moved)? - here) / STEP));
             }
-            for (p, edge) in look.edges.iter().enumerate() {
-                by_shared[(p, 3 + p)] = look.side_px / (ease * edge.sd_px);
+            for (p, edge) in boxes.edges.iter().enumerate() {
+                by_shared[(p, 3 + p)] = boxes.side_px / (ease * edge.sd_px);
             }
             let by_state: SMatrix<f64, 4, 5> = by_pose * by_state;
             let weighted = by_state.transpose() * SMatrix::from_diagonal(&weights);

@@ -13,7 +13,7 @@
 
 use nalgebra::Vector3;
 
-use crate::{filter::MOTION_S, measurement::Sighting, numbers::NUMBERS, vehicle::SCATTER};
+use crate::{filter::MOTION_S, measurement::Observation, numbers::NUMBERS, vehicle::SCATTER};
 
 /// A mean colour: red, green, blue, 0–255.
 #[derive(Clone, Copy, Debug)]
@@ -21,12 +21,12 @@ pub(crate) struct Colour(Vector3<f64>);
 
 impl Colour {
     /// Returns the colour of a detection; `None` where none was measured.
-    pub(crate) fn of(seen: &Sighting) -> Option<Self> {
+    pub(crate) fn of(seen: &Observation) -> Option<Self> {
         Some(Self(Vector3::from(seen.detection.colour_rgb?.map(f64::from))))
     }
 
     /// Returns the mean colour of detections; `None` where none of them has one.
-    pub(crate) fn mean<'a>(all: impl Iterator<Item = &'a Sighting>) -> Option<Self> {
+    pub(crate) fn mean<'a>(all: impl Iterator<Item = &'a Observation>) -> Option<Self> {
         let all: Vec<Vector3<f64>> = all.filter_map(Self::of).map(|Self(colour)| colour).collect();
         (!all.is_empty()).then(|| Self(all.iter().sum::<Vector3<f64>>() / all.len() as f64))
     }

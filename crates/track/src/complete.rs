@@ -10,7 +10,7 @@ use crate::{
     duplicates::{merge_duplicates, merge_smoothed},
     frames::{BoxesByFrame, Frames},
     link::link,
-    measurement::Sighting,
+    measurement::Observation,
     parts::parts,
     path::smooth_track,
     placed_boxes::add_boxes,
@@ -35,7 +35,7 @@ pub(crate) fn complete(
     options: &TrackOptions,
     scene: &impl Scene,
 ) -> Tracks {
-    let least = options.min_observed.min(frames.looks.div_ceil(2));
+    let least = options.min_observed.min(frames.counted.div_ceil(2));
     let mut completion = Completion { frames, options, scene, least, left_out: Vec::new() };
     let mut tracklets = completion.merged(tracklets);
     if options.takes(TrackStep::Boxes) && !free.is_empty() {
@@ -133,7 +133,7 @@ impl<S: Scene> Completion<'_, S> {
 
     /// Returns the joins of a track over gaps. Tracklets that overlap, or that other detections connect, leave no gap.
     fn joins(&self, raw: &RawTrack) -> Vec<Join> {
-        let stamp = |seen: &Sighting| self.frames.stamps[seen.frame];
+        let stamp = |seen: &Observation| self.frames.stamps[seen.frame];
         let join = |link: &Link| {
             let to = raw.observations.partition_point(|seen| seen.frame < link.frame);
             let (from, to) = raw.observations.get(to.checked_sub(1)?).zip(raw.observations.get(to))?;

@@ -23,7 +23,7 @@ use crate::{
     colour::Colour,
     expected::STATIONARY_S,
     filter::{MOTION_S, SPEED_SD, STATIONARY_MPS, STATIONARY_SHARE, STILL_M, driven, mixed},
-    measurement::Sighting,
+    measurement::Observation,
     noise::COMMON_SHARE,
     raw_track::{RawTrack, Votes},
 };
@@ -50,11 +50,11 @@ pub(crate) struct End {
     /// Heading modulo π, rad.
     axis: f64,
     /// Probability that the vehicle is stationary, 0–1.
-    pub stands: f64,
+    pub stationary_p: f64,
     /// Density of its velocity among stationary vehicles, (m/s)⁻².
-    standing: f64,
+    rest_density: f64,
     /// Density of its velocity among driving vehicles, (m/s)⁻².
-    driving: f64,
+    drive_density: f64,
     /// Logarithm of the vehicle's size: diagonal of the box (px) times the distance (m).
     log_size: f64,
     /// Mean colour; `None` where none was measured.
@@ -64,10 +64,10 @@ pub(crate) struct End {
 
 impl End {
     /// Computes the beginning of a track, or with `last` its end. `all` are its detections.
-    pub fn of(track: &RawTrack, all: &[Sighting], last: bool) -> Self {
+    pub fn of(track: &RawTrack, all: &[Observation], last: bool) -> Self {
         let edge = if last { &all[all.len() - 1] } else { &all[0] };
-        let near = |o: &&Sighting| (o.time_s - edge.time_s).abs() <= MOTION_S;
-        let part: Vec<&Sighting> = all.iter().filter(near).collect();
+        let near = |o: &&Observation| (o.time_s - edge.time_s).abs() <= MOTION_S;
+        let part: Vec<&Observation> = all.iter().filter(near).collect();
         let (state, covariance) = motion(&part, edge.time_s);
         let mut axis = Vector2::zeros();
         for o in &part {
@@ -76,22 +76,22 @@ impl End {
         }
         let velocity = state.fixed_rows::<2>(2).into_owned();
         let spread = covariance.fixed_view::<2, 2>(2, 2).into_owned();
-        let [standing, driving] = [STATIONARY_MPS, SPEED_SD]
+        let [rest_density, drive_density] = [STATIONARY_MPS, SPEED_SD]
             .map(|sd| density(&velocity, &(spread + Matrix2::identity() * sd.powi(2))));
-        let log_size = |o: &Sighting| {
+        let log_size = |o: &Observation| {
             let [x0, y0, x1, y1] = o.detection.bbox_px;
             ((x1 - x0).hypot(y1 - y0) * o.pose.xy().norm().max(1.0)).ln()
         };
-        let stands = STATIONARY_SHARE * standing / mixed(standing, driving).max(1e-300);
+        let stationary_p = STATIONARY_SHARE * rest_density / mixed(rest_density, drive_density).max(1e-300);
         let mut sizes: Vec<f64> = part.iter().map(|o| log_size(o)).collect();
         Self {
             time_s: edge.time_s,
             state,
             covariance,
             axis: axis.y.atan2(axis.x) / 2.0,
-            stands: if edge.detection.held { 1.0 } else { stands },
-            standing,
-            driving,
+            stationary_p: if edge.detection.carried_over { 1.0 } else { stationary_p },
+            rest_density,
+            drive_density,
             log_size: upper_median(&mut sizes, f64::total_cmp).unwrap_or_default(),
             colour: Colour::mean(part.iter().copied()),
             votes: track.votes,
@@ -111,7 +111,7 @@ impl End {
 
 /// Estimates position and velocity at a time (s), and their covariance, by a straight line through detections. The
 /// noise of a detection is the part of its variance that its neighbours do not share.
-fn motion(part: &[&Sighting], time_s: f64) -> (Vector4<f64>, Matrix4<f64>) {
+fn motion(part: &[&Observation], time_s: f64) -> (Vector4<f64>, Matrix4<f64>) {
     let mut information = Matrix4::zeros();
     information.fixed_view_mut::<2, 2>(2, 2).fill_diagonal((1.5 * SPEED_SD).powi(-2));
     let mut weighted = Vector4::zeros();
@@ -144,11 +144,11 @@ pub(crate) fn gain(end: &End, start: &End, gap_s: f64, arrivals: f64) -> f64 {
     // Each mode has its mean time of staying undetected. In this time, the other vehicles appear.
     let mode = |mean_s: f64, density: f64| (-gap_s / mean_s).exp() * density / (APPEARS + arrivals * mean_s);
     let rested = places + Matrix2::identity() * STILL_M.powi(2);
-    let stood = mode(STATIONARY_S, end.stands * density(&moved, &rested) * start.standing);
+    let rested_on = mode(STATIONARY_S, end.stationary_p * density(&moved, &rested) * start.rest_density);
     let drove = mode(DRIVES_S, drive_density(end, start, gap_s));
     let crept = mode(STATIONARY_S, creep_density(end, start, &moved, &places, gap_s));
-    let same = (stood + drove + crept) / 3.0;
-    let new = mixed(start.standing, start.driving);
+    let same = (rested_on + drove + crept) / 3.0;
+    let new = mixed(start.rest_density, start.drive_density);
     let sizes = -0.5 * ((start.log_size - end.log_size) / SIZE_SD).powi(2);
     let colours = end.colour.zip(start.colour).map_or(0.0, |(before, after)| before.same_vehicle(after));
     (same.max(1e-300) / new.max(1e-300)).ln() + class_gain(end, start) + sizes + colours

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use crate::{
     TrackState,
     filter::MOTION_S,
-    measurement::Sighting,
+    measurement::Observation,
     raw_track::{FEWEST, Link, RawTrack, in_one_place, same_car},
 };
 
@@ -16,7 +16,7 @@ const NEAR_S: f64 = MOTION_S / 2.0;
 pub(crate) fn merge_duplicates(tracks: Vec<RawTrack>) -> Vec<RawTrack> {
     let mut kept: Vec<RawTrack> = Vec::new();
     for track in by_strength(tracks) {
-        let same = |near: &Sighting, own: &Sighting| is_near(near, own) && same_car(near, own);
+        let same = |near: &Observation, own: &Observation| is_near(near, own) && same_car(near, own);
         match kept.iter_mut().find(|strong| coincide(strong, &track, same)) {
             Some(strong) => fill(strong, track),
             None => kept.push(track),
@@ -56,9 +56,9 @@ pub(crate) fn merge_smoothed(
 
 /// Returns a track's smoothed pose (x, y, heading) at a detection, m and rad. States begin with the first detection,
 /// one per frame.
-fn pose(track: &RawTrack, states: &[TrackState], sighting: &Sighting) -> Option<Vector3<f64>> {
+fn pose(track: &RawTrack, states: &[TrackState], observation: &Observation) -> Option<Vector3<f64>> {
     let first = track.observations.first()?.frame;
-    let pose = states.get(sighting.frame.checked_sub(first)?)?.pose;
+    let pose = states.get(observation.frame.checked_sub(first)?)?.pose;
     Some(Vector3::new(pose.x_m, pose.y_m, pose.heading_rad))
 }
 
@@ -77,8 +77,8 @@ fn by_strength(mut tracks: Vec<RawTrack>) -> Vec<RawTrack> {
 
 /// Whether two tracks coincide: most of the weaker track's detections during the stronger track's life. `same` compares
 /// each of them with the stronger track's detection that is nearest in time.
-fn coincide(strong: &RawTrack, weak: &RawTrack, same: impl Fn(&Sighting, &Sighting) -> bool) -> bool {
-    let together: Vec<&Sighting> = weak.observations.iter().filter(|o| lives(strong, o.time_s)).collect();
+fn coincide(strong: &RawTrack, weak: &RawTrack, same: impl Fn(&Observation, &Observation) -> bool) -> bool {
+    let together: Vec<&Observation> = weak.observations.iter().filter(|o| lives(strong, o.time_s)).collect();
     let shared = together.iter().filter(|o| nearest(strong, o).is_some_and(|near| same(near, o))).count();
     shared >= FEWEST.min(weak.observations.len()) && 2 * shared > together.len()
 }
@@ -90,23 +90,24 @@ fn lives(track: &RawTrack, time_s: f64) -> bool {
 }
 
 /// Returns the detection that is nearest in time to one of another track.
-fn nearest<'a>(track: &'a RawTrack, other: &Sighting) -> Option<&'a Sighting> {
+fn nearest<'a>(track: &'a RawTrack, other: &Observation) -> Option<&'a Observation> {
     let after = track.observations.partition_point(|o| o.frame < other.frame);
     let around = [after.checked_sub(1), Some(after)].into_iter().flatten();
-    let gap_s = |o: &Sighting| (o.time_s - other.time_s).abs();
+    let gap_s = |o: &Observation| (o.time_s - other.time_s).abs();
     let near = around.filter_map(|i| track.observations.get(i));
     near.min_by(|a, b| gap_s(a).total_cmp(&gap_s(b)))
 }
 
 /// Whether two detections are near in time.
-fn is_near(a: &Sighting, b: &Sighting) -> bool {
+fn is_near(a: &Observation, b: &Observation) -> bool {
     (a.time_s - b.time_s).abs() <= NEAR_S
 }
 
 /// Inserts the detections of the weaker track where the stronger has none.
 fn fill(strong: &mut RawTrack, weak: RawTrack) {
     let ends = strong.observations.first().zip(strong.observations.last()).map(|(a, b)| [a.frame, b.frame]);
-    let before_or_after = |o: &Sighting| ends.is_some_and(|[first, last]| o.frame < first || o.frame > last);
+    let before_or_after =
+        |o: &Observation| ends.is_some_and(|[first, last]| o.frame < first || o.frame > last);
     let is_outside =
         |link: &&Link| ends.is_some_and(|[first, last]| link.frame <= first || link.frame > last);
     strong.links.extend(weak.links.iter().filter(is_outside));
@@ -132,7 +133,7 @@ mod tests {
 
     /// Returns the track of a stationary car that is detected in these frames, ten per second.
     fn parked(x_m: f64, frames: impl Iterator<Item = usize>) -> RawTrack {
-        let seen = |frame| Sighting {
+        let seen = |frame| Observation {
             frame,
             time_s: 0.1 * frame as f64,
             pose: Vector3::new(x_m, 30.0, 0.0),
@@ -145,7 +146,7 @@ mod tests {
     }
 
     /// Returns a state for each frame from the first detection to the last, at the position of the first.
-    fn standing(track: &RawTrack) -> Vec<TrackState> {
+    fn stationary(track: &RawTrack) -> Vec<TrackState> {
         let (first, last) = (&track.observations[0], &track.observations[track.observations.len() - 1]);
         let state = |frame: usize| TrackState {
             stamp: FrameStamp { index: frame as u64, pts_nanos: 0 },
@@ -163,7 +164,7 @@ mod tests {
     #[test]
     fn a_car_in_the_place_of_a_track_that_is_not_detected_is_the_same() {
         let gap = || parked(0.0, (0..30).chain(70..100));
-        let merged = |x_m: f64| merge_smoothed(vec![gap(), parked(x_m, 40..60)], standing);
+        let merged = |x_m: f64| merge_smoothed(vec![gap(), parked(x_m, 40..60)], stationary);
         let one = merged(0.5);
         assert_eq!(one.len(), 1);
         assert_eq!(one[0].0.observations.len(), 80);

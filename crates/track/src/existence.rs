@@ -1,6 +1,6 @@
 //! The probability that a track is a vehicle.
 //!
-//! Hedges, road markings, booths and parts of lorries are detected as vehicles again and again. All that is known of a
+//! Hedges, road markings, booths and parts of lorries are detected as vehicles again and again. The evidence on a
 //! track together decides whether it is one: a logistic model of the track's [`Evidence`].
 //!
 //! `scripts/train/tracks` fits the model by maximum likelihood. `models/tracks.json` has the weights, and
@@ -14,7 +14,7 @@ use roadplane_base::{VehicleClass, bbox_iou};
 use crate::{
     TrackState,
     filter::{MOTION_S, SPEED_SD, STATIONARY_MPS, mixed},
-    measurement::Sighting,
+    measurement::Observation,
     numbers::{FEATURES, NUMBERS, sigmoid},
 };
 
@@ -23,7 +23,7 @@ const MOVED_M: f64 = 3.0;
 /// Mean and sd of the speed of people who walk, m/s (Weidmann 1993, "Transporttechnik der Fussgänger").
 const WALKING_MPS: (f64, f64) = (1.34, 0.26);
 
-/// All that is known of a track that shows whether it is a vehicle.
+/// The evidence on a track that shows whether it is a vehicle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Evidence {
     /// Class of the track.
@@ -46,15 +46,15 @@ impl Evidence {
     /// Collects the evidence of a track. `states` are its smoothed states, one per frame from the first detection on, or
     /// empty; `above_car_m` is its height above that of the site's mean car. `None` without a detection.
     pub(crate) fn of(
-        sightings: &[Sighting],
+        observations: &[Observation],
         states: &[TrackState],
         class: VehicleClass,
         above_car_m: f64,
     ) -> Option<Self> {
-        sightings.first()?;
+        observations.first()?;
         // Carried-over detections are copies.
-        let measured: Vec<&Sighting> = sightings.iter().filter(|o| !o.detection.held).collect();
-        let measured = if measured.is_empty() { sightings.iter().collect() } else { measured };
+        let measured: Vec<&Observation> = observations.iter().filter(|o| !o.detection.carried_over).collect();
+        let measured = if measured.is_empty() { observations.iter().collect() } else { measured };
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len().max(1) as f64;
         let odds: Vec<f64> = measured.iter().map(|o| log_odds(o.detection.score)).collect();
         let log_rms: Vec<f64> = measured.iter().filter_map(|o| Some(o.misfit()?.ln())).collect();
@@ -64,7 +64,7 @@ impl Evidence {
         Some(Self {
             class,
             score: mean(&odds),
-            moved: moved(sightings, states),
+            moved: moved(observations, states),
             fitted: log_rms.len() as f64 / measured.len() as f64,
             log_rms: mean(&log_rms),
             above_car_m,
@@ -122,18 +122,18 @@ fn log_odds(score: f64) -> f64 {
 }
 
 /// Returns how far a track moves within a time in which it is observed. Clutter never leaves its box.
-fn moved(sightings: &[Sighting], states: &[TrackState]) -> f64 {
-    let near = |a: &Sighting, b: &Sighting| b.time_s - a.time_s <= MOTION_S;
-    let at = |seen: &Sighting| {
-        let state = states.get(seen.frame - sightings[0].frame);
+fn moved(observations: &[Observation], states: &[TrackState]) -> f64 {
+    let near = |a: &Observation, b: &Observation| b.time_s - a.time_s <= MOTION_S;
+    let at = |seen: &Observation| {
+        let state = states.get(seen.frame - observations[0].frame);
         state.map_or(seen.pose.xy(), |state| Vector2::new(state.pose.x_m, state.pose.y_m))
     };
-    let of_part = |part: &[Sighting]| {
+    let of_part = |part: &[Observation]| {
         let (from, to) = part.first().zip(part.last())?;
         let moved = at(to) - at(from);
         Some(moved.norm() / MOVED_M * (1.0 - bbox_iou(&from.detection.bbox_px, &to.detection.bbox_px)))
     };
-    sightings.chunk_by(near).filter_map(of_part).fold(0.0, f64::max)
+    observations.chunk_by(near).filter_map(of_part).fold(0.0, f64::max)
 }
 
 #[cfg(test)]
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn people_walk_and_motorcycles_stand_or_ride() {
+    fn people_walk_and_motorcycles_rest_or_ride() {
         // Stationary, and as fast as vehicles whose speed is measured well or badly.
         for (speed_mps, sd_mps) in
             [(0.0, 0.1), (0.1, 0.1), (0.3, 0.3), (4.3, 0.5), (5.0, 1.2), (30.0, 5.0), (900.0, 0.1)]

@@ -6,7 +6,7 @@ use crate::{
     box_motion::{BoxMotion, COAST_S},
     colour::Colour,
     filter::{Filter, GATE},
-    measurement::Sighting,
+    measurement::Observation,
     noise::SIGNIFICANT,
 };
 
@@ -35,7 +35,7 @@ pub(crate) struct Expected {
 
 impl Expected {
     /// Starts with the first detection of a vehicle.
-    pub(crate) fn new(first: &Sighting) -> Self {
+    pub(crate) fn new(first: &Observation) -> Self {
         Self {
             filter: Filter::new(&first.pose, &first.covariance, first.time_s),
             motion: BoxMotion::new(first.detection.bbox_px, first.time_s),
@@ -45,23 +45,23 @@ impl Expected {
     }
 
     /// Adds a detection.
-    pub(crate) fn add(&mut self, sighting: &Sighting) {
-        self.filter.update(&sighting.pose, &sighting.covariance, sighting.time_s);
-        let seen_px = sighting.detection.bbox_px;
+    pub(crate) fn add(&mut self, observation: &Observation) {
+        self.filter.update(&observation.pose, &observation.covariance, observation.time_s);
+        let seen_px = observation.detection.bbox_px;
         // A part of a stationary vehicle may be hidden, so its box only grows.
         self.rest_px = if self.filter.is_still() { bbox_around(&self.rest_px, &seen_px) } else { seen_px };
-        let gap_s = self.motion.unseen_s(sighting.time_s);
-        match (&mut self.colour, Colour::of(sighting)) {
+        let gap_s = self.motion.unseen_s(observation.time_s);
+        match (&mut self.colour, Colour::of(observation)) {
             (Some(colour), Some(new)) => colour.follow(new, gap_s),
             (colour, new) => *colour = colour.or(new),
         }
-        self.motion.see(seen_px, sighting.time_s);
+        self.motion.see(seen_px, observation.time_s);
     }
 
     /// Adds a detection that is carried over: the vehicle is in its old position, in this box (px).
-    pub(crate) fn hold(&mut self, bbox_px: [f64; 4], time_s: f64) {
-        self.filter.hold(time_s);
-        self.motion.stand(bbox_px, time_s);
+    pub(crate) fn carry_over(&mut self, bbox_px: [f64; 4], time_s: f64) {
+        self.filter.carry_over(time_s);
+        self.motion.rest(bbox_px, time_s);
     }
 
     /// Whether the vehicle was undetected for so long that another may be there.
@@ -72,32 +72,32 @@ impl Expected {
 
     /// Returns the cost of a detection: 0 for a perfect match, 1 and more for none. Pose, overlap and colour cost up to
     /// 0.5 each.
-    pub(crate) fn cost(&self, sighting: &Sighting) -> f64 {
-        let colours = self.colour.zip(Colour::of(sighting));
-        self.cost_of_place(sighting) + 0.5 * colours.map_or(0.0, |(own, other)| own.difference(other))
+    pub(crate) fn cost(&self, observation: &Observation) -> f64 {
+        let colours = self.colour.zip(Colour::of(observation));
+        self.cost_of_place(observation) + 0.5 * colours.map_or(0.0, |(own, other)| own.difference(other))
     }
 
     /// Returns the part of the cost that comes from the pose and from the box.
-    fn cost_of_place(&self, sighting: &Sighting) -> f64 {
-        let distance = self.filter.distance(&sighting.pose, &sighting.covariance, sighting.time_s);
+    fn cost_of_place(&self, observation: &Observation) -> f64 {
+        let distance = self.filter.distance(&observation.pose, &observation.covariance, observation.time_s);
         let near = (distance / GATE).min(1.0);
         let is_still = self.filter.is_still();
         // A driving vehicle that was undetected for long has no expected box, so nothing overlaps it.
-        if !is_still && self.is_lost(sighting.time_s) {
+        if !is_still && self.is_lost(observation.time_s) {
             return if distance < GATE { 0.5 * near + 0.5 } else { f64::INFINITY };
         }
-        let expected = if is_still { self.rest_px } else { self.motion.at(sighting.time_s) };
-        let seen_px = &sighting.detection.bbox_px;
+        let expected = if is_still { self.rest_px } else { self.motion.at(observation.time_s) };
+        let seen_px = &observation.detection.bbox_px;
         let plain = bbox_iou(&expected, seen_px);
         let overlap = if is_still {
             // Less of a vehicle is visible while something hides it.
-            bbox_iou(&bbox_part_seen(&expected, seen_px, sighting.detection.goes_on()), seen_px)
+            bbox_iou(&bbox_part_seen(&expected, seen_px, observation.detection.goes_on()), seen_px)
         } else {
             // A driving vehicle must not take the half-hidden box of another that it passes.
             plain
         };
-        let away = (sighting.pose.xy() - self.filter.state.xy()).norm();
-        let spread = sighting.covariance.fixed_view::<2, 2>(0, 0).trace().sqrt();
+        let away = (observation.pose.xy() - self.filter.state.xy()).norm();
+        let spread = observation.covariance.fixed_view::<2, 2>(0, 0).trace().sqrt();
         // A sliver within a stationary vehicle's box may be of any vehicle that passes.
         let is_another = plain < MIN_OVERLAP && away > spread;
         if is_still && (overlap < MIN_OVERLAP || is_another) {
@@ -118,8 +118,8 @@ mod tests {
 
     /// Returns a detection at x = 30 m with this sd of its position. Another vehicle hides the top and right edges of
     /// its box.
-    fn sighting(y_m: f64, sd_m: f64, bbox_px: [f64; 4], time_s: f64) -> Sighting {
-        Sighting {
+    fn observation(y_m: f64, sd_m: f64, bbox_px: [f64; 4], time_s: f64) -> Observation {
+        Observation {
             frame: 0,
             time_s,
             pose: Vector3::new(30.0, y_m, 0.0),
@@ -134,12 +134,12 @@ mod tests {
     }
 
     #[test]
-    fn a_sliver_in_a_standing_cars_box_is_the_cars_only_at_its_place() {
+    fn a_sliver_in_a_stationary_cars_box_is_the_cars_only_at_its_place() {
         const WHOLE: [f64; 4] = [100.0, 200.0, 150.0, 230.0];
         const SLIVER: [f64; 4] = [100.0, 215.0, 118.0, 232.0];
-        let mut car = Expected::new(&sighting(90.0, 0.3, WHOLE, 0.0));
-        (1..30).for_each(|i| car.add(&sighting(90.0, 0.3, WHOLE, 0.1 * f64::from(i))));
-        let cost = |y_m: f64, sd_m: f64, bbox_px: [f64; 4]| car.cost(&sighting(y_m, sd_m, bbox_px, 3.0));
+        let mut car = Expected::new(&observation(90.0, 0.3, WHOLE, 0.0));
+        (1..30).for_each(|i| car.add(&observation(90.0, 0.3, WHOLE, 0.1 * f64::from(i))));
+        let cost = |y_m: f64, sd_m: f64, bbox_px: [f64; 4]| car.cost(&observation(y_m, sd_m, bbox_px, 3.0));
         // These cost little: half of the car, wherever its keypoints seem to be, and slivers near its position, within
         // their uncertainty. A sliver of another vehicle that passes in front costs much.
         assert!(cost(84.0, 2.0, [100.0, 200.0, 125.0, 230.0]) < 1.0);
@@ -150,7 +150,7 @@ mod tests {
     #[test]
     fn a_box_of_another_colour_costs_up_to_a_half_more() {
         let coloured = |colour_rgb: Option<[u8; 3]>, time_s: f64| {
-            let mut seen = sighting(20.0, 0.3, [100.0, 200.0, 150.0, 230.0], time_s);
+            let mut seen = observation(20.0, 0.3, [100.0, 200.0, 150.0, 230.0], time_s);
             seen.detection.colour_rgb = colour_rgb;
             seen
         };

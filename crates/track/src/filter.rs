@@ -83,8 +83,8 @@ impl Filter {
         let driving = || to(&self.driving(time_s));
         match (self.is_still(), time_s - self.time_s > COAST_S) {
             (false, _) => driving(),
-            (true, false) => driving().min(to(&self.standing(time_s))),
-            (true, true) => to(&self.standing(time_s)),
+            (true, false) => driving().min(to(&self.stationary(time_s))),
+            (true, true) => to(&self.stationary(time_s)),
         }
     }
 
@@ -94,10 +94,10 @@ impl Filter {
         let distance = self.distance(pose, covariance, time_s);
         let widened = (distance / GATE).clamp(1.0, 1e6);
         let noise = position_part(covariance) * widened;
-        let standing = self.standing(time_s);
+        let stationary = self.stationary(time_s);
         let still = self.is_still()
-            && (time_s - self.time_s > COAST_S || standing.position_distance(pose, &noise) < GATE);
-        let expected = if still { standing } else { self.driving(time_s) };
+            && (time_s - self.time_s > COAST_S || stationary.position_distance(pose, &noise) < GATE);
+        let expected = if still { stationary } else { self.driving(time_s) };
         let (h, p) = (Matrix2x4::<f64>::identity(), expected.covariance);
         if let Some(inverse) = (h * p * h.transpose() + noise).try_inverse() {
             let gain = p * h.transpose() * inverse;
@@ -118,8 +118,8 @@ impl Filter {
     }
 
     /// Updates the state with a car that is carried over: its position is unchanged and not measured again.
-    pub(crate) fn hold(&mut self, time_s: f64) {
-        let covariance = self.standing(time_s).covariance;
+    pub(crate) fn carry_over(&mut self, time_s: f64) {
+        let covariance = self.stationary(time_s).covariance;
         self.covariance = Matrix4::zeros();
         self.covariance.fixed_view_mut::<2, 2>(0, 0).copy_from(&covariance.fixed_view::<2, 2>(0, 0));
         self.covariance.fixed_view_mut::<2, 2>(2, 2).fill_diagonal(STATIONARY_MPS * STATIONARY_MPS);
@@ -142,7 +142,7 @@ impl Filter {
     }
 
     /// Predicts the state of a car that is stationary.
-    fn standing(&self, time_s: f64) -> Self {
+    fn stationary(&self, time_s: f64) -> Self {
         let dt = (time_s - self.time_s).max(0.0);
         let mut covariance = self.covariance;
         covariance[(0, 0)] += POSE_FLOOR_M * POSE_FLOOR_M * dt;
@@ -164,8 +164,8 @@ pub(crate) fn driven(
 }
 
 /// Returns the density of a velocity or speed among all vehicles, from its densities among stationary and driving ones.
-pub(crate) fn mixed(standing: f64, driving: f64) -> f64 {
-    STATIONARY_SHARE * standing + (1.0 - STATIONARY_SHARE) * driving
+pub(crate) fn mixed(stationary: f64, driving: f64) -> f64 {
+    STATIONARY_SHARE * stationary + (1.0 - STATIONARY_SHARE) * driving
 }
 
 /// Returns the covariance of (x, y) from that of (x, y, heading), m².

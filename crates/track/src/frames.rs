@@ -24,24 +24,24 @@ pub(crate) struct Frames {
     /// Whether each frame is an inference frame.
     pub looked: Vec<bool>,
     /// Number of inference frames that are far enough apart in time ([`APART_S`]).
-    pub looks: usize,
+    pub counted: usize,
     /// Time of the last of these inference frames, s.
-    last_look_s: Option<f64>,
+    last_counted_s: Option<f64>,
 }
 
 impl Frames {
     /// Adds a frame that was taken `delay_s` after its time stamp. `looked`: whether it is an inference frame. Returns
-    /// its index, its time since the first time stamp (s), and whether it counts as a look.
+    /// its index, its time since the first time stamp (s), and whether it is counted.
     pub(crate) fn push(&mut self, stamp: FrameStamp, delay_s: f64, looked: bool) -> (usize, f64, bool) {
         self.stamps.push(stamp);
         let stamped_s = stamp.pts_nanos.saturating_sub(self.stamps[0].pts_nanos) as f64 * 1e-9;
         self.times_s.push(stamped_s + delay_s);
         self.looked.push(looked);
-        let is_look = looked && self.last_look_s.is_none_or(|last_s| stamped_s - last_s >= APART_S);
-        if is_look {
-            (self.looks, self.last_look_s) = (self.looks + 1, Some(stamped_s));
+        let is_counted = looked && self.last_counted_s.is_none_or(|last_s| stamped_s - last_s >= APART_S);
+        if is_counted {
+            (self.counted, self.last_counted_s) = (self.counted + 1, Some(stamped_s));
         }
-        (self.stamps.len() - 1, stamped_s + delay_s, is_look)
+        (self.stamps.len() - 1, stamped_s + delay_s, is_counted)
     }
 }
 
@@ -50,15 +50,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn looks_count_about_ten_times_a_second_at_most() {
-        let looks = |fps: u32| {
+    fn inference_frames_count_about_ten_times_a_second_at_most() {
+        let counted = |fps: u32| {
             let mut frames = Frames::default();
             for i in 0..10 * fps {
                 let pts_nanos = i64::from(i) * 1_000_000_000 / i64::from(fps);
                 frames.push(FrameStamp { index: u64::from(i), pts_nanos }, 0.0, true);
             }
-            frames.looks
+            frames.counted
         };
-        assert_eq!([10, 12, 5, 30, 25].map(looks), [100, 120, 50, 100, 125]);
+        assert_eq!([10, 12, 5, 30, 25].map(counted), [100, 120, 50, 100, 125]);
     }
 }

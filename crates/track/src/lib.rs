@@ -24,7 +24,7 @@
 //!   → Track                                                                   (complete.rs)
 //! ```
 //!
-//! A [`HeldCar`] is a car that is carried over: it is detected at its earlier position. It keeps its track and its box
+//! A [`CarriedCar`] is a car that is carried over: it is detected at its earlier position. It keeps its track and its box
 //! alive, and adds nothing to its pose.
 //!
 //! # Noise
@@ -74,7 +74,7 @@ pub use complete::Tracks;
 pub use existence::Evidence;
 pub use join::Join;
 pub use measurement::{
-    CarMeasurement, Detection, FrameMeasurements, HeldCar, SeenAgain, ShapeBelief, Track, TrackState,
+    CarMeasurement, CarriedCar, Detection, FrameMeasurements, SeenAgain, ShapeEstimate, Track, TrackState,
 };
 pub use numbers::{FEATURES, JOIN_FEATURES};
 pub use options::{TrackOptions, TrackStep};

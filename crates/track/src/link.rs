@@ -26,7 +26,7 @@ use crate::{
     expected::{HIDDEN_S, STATIONARY_S},
     filter::MOTION_S,
     join::{features, probability},
-    measurement::Sighting,
+    measurement::Observation,
     numbers::sigmoid,
     raw_track::{Link, RawTrack},
 };
@@ -78,7 +78,7 @@ pub(crate) fn link(
 
 /// Returns the earlier tracklet's detections before the later one begins, if it takes over a vehicle that has two boxes
 /// for a while. Then it begins near the end of the earlier one, and their boxes touch. `None` without such an overlap.
-fn before_takeover<'a>(earlier: &'a RawTrack, later: &RawTrack) -> Option<&'a [Sighting]> {
+fn before_takeover<'a>(earlier: &'a RawTrack, later: &RawTrack) -> Option<&'a [Observation]> {
     let (all, new) = (&earlier.observations, &later.observations);
     let (first, last) = (new.first()?, all.last()?);
     let outlasts = first.frame <= last.frame && last.frame < new.last()?.frame;
@@ -86,7 +86,7 @@ fn before_takeover<'a>(earlier: &'a RawTrack, later: &RawTrack) -> Option<&'a [S
         return None;
     }
     let (before, tail) = all.split_at(all.partition_point(|seen| seen.frame < first.frame));
-    let touches = |seen: &Sighting| {
+    let touches = |seen: &Observation| {
         let other = &new[new.binary_search_by_key(&seen.frame, |other| other.frame).ok()?];
         Some(bbox_iou(&seen.detection.bbox_px, &other.detection.bbox_px) > 0.0)
     };
@@ -106,7 +106,7 @@ fn arrivals<'a>(starts: &'a [End], ends: &[End]) -> impl Fn(usize, usize) -> f64
     let near = |start: &End, at: &End| {
         let spread =
             start.place_covariance() + at.place_covariance() + Matrix2::identity() * HALF_LANE_M.powi(2);
-        (1.0 - start.stands) * density(&(start.state.xy() - at.state.xy()), &spread)
+        (1.0 - start.stationary_p) * density(&(start.state.xy() - at.state.xy()), &spread)
     };
     let all = |(j, at): (usize, &End)| {
         let others = starts.iter().enumerate().filter(|(k, _)| *k != j);

@@ -12,14 +12,14 @@ const USUAL_RMS_SHARE: f64 = 0.018;
 
 /// An estimate of a car's shape: a Gaussian over its shape coefficients.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ShapeBelief {
+pub struct ShapeEstimate {
     /// Mean of the shape coefficients, without unit.
     pub mean: Shape,
     /// Inverse covariance of the shape coefficients (6 × 6).
     pub information: Matrix6<f64>,
 }
 
-impl Default for ShapeBelief {
+impl Default for ShapeEstimate {
     /// Returns the estimate for any car: the prior N(0, I) of the atlas.
     fn default() -> Self {
         Self { mean: Shape::zeros(), information: Matrix6::identity() }
@@ -45,7 +45,7 @@ pub struct Detection {
     /// Index in its frame's list of cars. `None` for a weak box: its score is too low to count as a vehicle.
     pub car: Option<usize>,
     /// Whether the box is carried over: the nets did not run there, and it stays in its position.
-    pub held: bool,
+    pub carried_over: bool,
 }
 
 impl Detection {
@@ -60,7 +60,7 @@ impl Detection {
             cut: [false; 4],
             hidden: [false; 4],
             car: None,
-            held: false,
+            carried_over: false,
         }
     }
 
@@ -85,9 +85,9 @@ pub struct CarMeasurement {
     /// Its box. A car with keypoints has the class of a car.
     pub detection: Detection,
     /// Estimate of its shape before this frame.
-    pub shape_before: ShapeBelief,
+    pub shape_before: ShapeEstimate,
     /// Estimate of its shape after this frame. It equals `shape_before` where the shape is fixed.
-    pub shape: ShapeBelief,
+    pub shape: ShapeEstimate,
     /// Whether the pose comes from the box, without keypoints. Such a measurement extends a track. It starts a track
     /// only if it is not classed as a car.
     pub from_box: bool,
@@ -107,9 +107,9 @@ impl CarMeasurement {
         Self {
             pose,
             covariance,
-            detection: Detection { held: false, ..seen },
-            shape_before: ShapeBelief::default(),
-            shape: ShapeBelief::default(),
+            detection: Detection { carried_over: false, ..seen },
+            shape_before: ShapeEstimate::default(),
+            shape: ShapeEstimate::default(),
             from_box: true,
             known: false,
             dims_m: None,
@@ -140,9 +140,9 @@ impl CarMeasurement {
 /// A car that has not moved since an earlier inference frame. It counts as detected, but its pose is not measured
 /// again.
 #[derive(Clone, Copy, Debug)]
-pub struct HeldCar {
+pub struct CarriedCar {
     /// Frame and index of the earlier measurement, where it had keypoints.
-    pub look: Option<CarRef>,
+    pub source: Option<CarRef>,
     /// Its box.
     pub detection: Detection,
 }
@@ -151,7 +151,7 @@ pub struct HeldCar {
 #[derive(Clone, Copy, Debug)]
 pub struct SeenAgain {
     /// Frame and index of its last measurement.
-    pub look: CarRef,
+    pub source: CarRef,
     /// Box of the car (left, top, right, bottom), px.
     pub bbox_px: [f64; 4],
     /// Score of the detector, 0–1.
@@ -171,7 +171,7 @@ pub struct FrameMeasurements {
     /// Cars that were fitted in the frame.
     pub cars: Vec<CarMeasurement>,
     /// Cars that are carried over.
-    pub held: Vec<HeldCar>,
+    pub carried_over: Vec<CarriedCar>,
     /// Cars that were detected again so soon after an inference frame that nothing measured them. Their tracks accept
     /// no other box.
     pub seen_again: Vec<SeenAgain>,
@@ -189,7 +189,7 @@ impl FrameMeasurements {
             delay_s: 0.0,
             looked: true,
             cars,
-            held: Vec::new(),
+            carried_over: Vec::new(),
             seen_again: Vec::new(),
             boxes: Vec::new(),
         }
@@ -198,7 +198,7 @@ impl FrameMeasurements {
 
 /// A detection of a track: a measurement as the track stores it.
 #[derive(Clone, Debug)]
-pub(crate) struct Sighting {
+pub(crate) struct Observation {
     /// Index of the frame, among all frames that the tracker was given.
     pub frame: usize,
     /// Time since the first frame, s.
@@ -216,7 +216,7 @@ pub(crate) struct Sighting {
     pub fit_rms_share: Option<f64>,
 }
 
-impl Sighting {
+impl Observation {
     /// Returns the distance (rms) of a car's keypoints from their projections, relative to the usual one; `None` without
     /// keypoints.
     pub(crate) fn misfit(&self) -> Option<f64> {
@@ -228,7 +228,7 @@ impl Sighting {
     pub(crate) fn by_box(seen: &Detection, placed: &GroundContact, frame: usize, time_s: f64) -> Self {
         let GroundContact { pose, covariance, .. } = *placed;
         let pose = Vector3::new(pose.x_m, pose.y_m, pose.heading_rad);
-        let detection = Detection { held: false, ..*seen };
+        let detection = Detection { carried_over: false, ..*seen };
         Self { frame, time_s, pose, covariance, detection, from_box: true, fit_rms_share: None }
     }
 }
@@ -247,7 +247,7 @@ pub struct Track {
     /// One state for every frame from the first detection to the last.
     pub states: Vec<TrackState>,
     /// Shape of the vehicle: all views fused, with the prior counted once.
-    pub shape: ShapeBelief,
+    pub shape: ShapeEstimate,
     /// All that shows whether the track is a vehicle.
     pub evidence: Evidence,
     /// Joins over gaps, in the order of time.

@@ -3,7 +3,7 @@
 use nalgebra::Matrix3;
 use roadplane_measure::POSE_SD_RATIO;
 
-use crate::measurement::Sighting;
+use crate::measurement::Observation;
 
 /// The split of the covariance R, for one track or one stationary interval.
 #[derive(Clone, Copy, Debug)]
@@ -55,15 +55,15 @@ impl Noise {
     /// Returns the factor on R of the error that a track's detections share, as these detections show it. It is the part
     /// of the variance that does not scatter, and at least R. It grows with the misfit of keypoints. All boxes of a vehicle
     /// share their error.
-    pub(crate) fn bias(&self, sightings: &[Sighting]) -> f64 {
-        let factor = |seen: &Sighting| {
+    pub(crate) fn bias(&self, observations: &[Observation]) -> f64 {
+        let factor = |seen: &Observation| {
             if seen.from_box {
                 return 1.0;
             }
             let beyond = (seen.misfit().unwrap_or(1.0).powi(2) - 1.0).max(0.0);
             (POSE_SD_RATIO.powi(2) - self.ratio).max(1.0) * (1.0 + MISFIT_GROWTH * beyond)
         };
-        sightings.iter().map(factor).sum::<f64>() / sightings.len() as f64
+        observations.iter().map(factor).sum::<f64>() / observations.len() as f64
     }
 }
 

@@ -5,7 +5,7 @@ use roadplane_base::upper_median;
 
 use crate::{
     descent::MAX_ROUNDS,
-    measurement::Sighting,
+    measurement::Observation,
     noise::{Noise, given_heading},
     vehicle::{SCATTER, residual},
 };
@@ -23,19 +23,19 @@ pub(crate) struct ParkedPose {
 
 /// Estimates the pose of a stationary interval; `None` without detections. Carried-over detections are copies
 /// of an earlier detection. They are used only if the interval has no real detection.
-pub(crate) fn parked_pose(all: &[Sighting]) -> Option<ParkedPose> {
-    let looks: Vec<Sighting> = all.iter().filter(|o| !o.detection.held).cloned().collect();
-    let sightings = if looks.is_empty() { all.get(..1)? } else { &looks };
+pub(crate) fn parked_pose(all: &[Observation]) -> Option<ParkedPose> {
+    let measured: Vec<Observation> = all.iter().filter(|o| !o.detection.carried_over).cloned().collect();
+    let observations = if measured.is_empty() { all.get(..1)? } else { &measured };
     let inverses: Vec<Matrix3<f64>> =
-        sightings.iter().map(|o| o.covariance.try_inverse().unwrap_or_else(Matrix3::zeros)).collect();
-    let mut pose = start(sightings)?;
+        observations.iter().map(|o| o.covariance.try_inverse().unwrap_or_else(Matrix3::zeros)).collect();
+    let mut pose = start(observations)?;
     let mut information = Matrix3::zeros();
     let off = |pose: &Vector3<f64>| -> (Vec<Vector3<f64>>, Vec<f64>) {
-        let square = |(seen, inverse): (&Sighting, &Matrix3<f64>)| {
+        let square = |(seen, inverse): (&Observation, &Matrix3<f64>)| {
             let d = residual(&seen.pose, pose);
             (d, d.dot(&(inverse * d)))
         };
-        sightings.iter().zip(&inverses).map(square).unzip()
+        observations.iter().zip(&inverses).map(square).unzip()
     };
     for _ in 0..MAX_ROUNDS {
         let (away, squares) = off(&pose);
@@ -58,24 +58,24 @@ pub(crate) fn parked_pose(all: &[Sighting]) -> Option<ParkedPose> {
     let lagged = (1..away.len()).map(|i| away[i - 1].dot(&(inverses[i] * away[i]))).sum();
     let own = squares.iter().sum();
     let noise = Noise::measured(&mut squares, own, lagged, 1.0);
-    let typical = information.cholesky()?.inverse() * sightings.len() as f64;
-    let independent = (sightings.len() as f64 * noise.ratio / noise.white().max(1e-12)).max(1.0);
+    let typical = information.cholesky()?.inverse() * observations.len() as f64;
+    let independent = (observations.len() as f64 * noise.ratio / noise.white().max(1e-12)).max(1.0);
     let white = noise.ratio / independent;
-    if 2 * sightings.iter().filter(|o| o.from_box).count() > sightings.len() {
+    if 2 * observations.iter().filter(|o| o.from_box).count() > observations.len() {
         // A box shows the heading only once, however often it is detected. The drive that led to it may show it better.
         let place = given_heading(&typical);
         return Some(ParkedPose { pose, white: typical - place * (1.0 - white).max(0.0), bias: place });
     }
-    Some(ParkedPose { pose, white: typical * white, bias: typical * noise.bias(sightings) })
+    Some(ParkedPose { pose, white: typical * white, bias: typical * noise.bias(observations) })
 }
 
 /// Returns the pose to start from: medians of the position, and the axis on which most detections agree (mean of
 /// doubled angles).
-fn start(sightings: &[Sighting]) -> Option<Vector3<f64>> {
+fn start(observations: &[Observation]) -> Option<Vector3<f64>> {
     let median = |axis: usize| {
-        upper_median(&mut sightings.iter().map(|o| o.pose[axis]).collect::<Vec<_>>(), f64::total_cmp)
+        upper_median(&mut observations.iter().map(|o| o.pose[axis]).collect::<Vec<_>>(), f64::total_cmp)
     };
-    let (sin, cos) = sightings.iter().fold((0.0, 0.0), |(s, c), o| {
+    let (sin, cos) = observations.iter().fold((0.0, 0.0), |(s, c), o| {
         let weight = 1.0 / o.covariance[(2, 2)];
         let (sin, cos) = (2.0 * o.pose.z).sin_cos();
         (s + weight * sin, c + weight * cos)

@@ -9,11 +9,11 @@ use crate::{
     TrackState,
     box_motion::COAST_S,
     frames::Frames,
-    measurement::Sighting,
+    measurement::Observation,
     noise::Noise,
     path_parts::{PathPart, path_parts, white},
     raw_track::RawTrack,
-    start::{Facing, start},
+    start::{FrontChoice, start},
     stops::find_runs,
     vehicle::{Node, State, Vehicle, origin, residual},
 };
@@ -32,7 +32,7 @@ pub(crate) struct Path {
     /// Split of the measurements' covariance.
     pub noise: Noise,
     /// Disambiguated heading of the track.
-    pub facing: Facing,
+    pub front: FrontChoice,
     /// Distance from the rear axle to the vehicle's origin, m.
     pub half_wheelbase_m: f64,
 }
@@ -41,23 +41,23 @@ impl Path {
     /// Estimates the path from measured poses; `None` where that is impossible. `times_s` holds the time of every
     /// frame.
     pub(crate) fn by_poses(track: &RawTrack, times_s: &[f64]) -> Option<Self> {
-        let (sightings, half_wheelbase_m) = (&track.observations, track.half_wheelbase_m());
-        let runs = find_runs(sightings);
-        let parts = path_parts(sightings, times_s, &runs);
-        let (states, facing) = start(sightings, &parts, half_wheelbase_m);
+        let (observations, half_wheelbase_m) = (&track.observations, track.half_wheelbase_m());
+        let runs = find_runs(observations);
+        let parts = path_parts(observations, times_s, &runs);
+        let (states, front) = start(observations, &parts, half_wheelbase_m);
         let noise = Noise::measured(&mut [], 0.0, 0.0, 1.0);
-        let mut path = Self { parts, states, covariances: Vec::new(), noise, facing, half_wheelbase_m };
-        path.solve(sightings)?;
+        let mut path = Self { parts, states, covariances: Vec::new(), noise, front, half_wheelbase_m };
+        path.solve(observations)?;
         for _ in 0..NOISE_PASSES {
-            path.noise = path.driving_noise(sightings);
-            path.solve(sightings)?;
+            path.noise = path.driving_noise(observations);
+            path.solve(observations)?;
         }
         Some(path)
     }
 
     /// Solves for the states and covariances of the nodes, from the present ones.
-    fn solve(&mut self, sightings: &[Sighting]) -> Option<()> {
-        let node = |part: &PathPart| part.node(part.measured(sightings, self.noise));
+    fn solve(&mut self, observations: &[Observation]) -> Option<()> {
+        let node = |part: &PathPart| part.node(part.measured(observations, self.noise));
         let nodes: Vec<Node> = self.parts.iter().map(node).collect();
         let vehicle = Vehicle { nodes: &nodes, half_wheelbase_m: self.half_wheelbase_m };
         (self.states, self.covariances) = vehicle.solve(std::mem::take(&mut self.states))?;
@@ -67,15 +67,15 @@ impl Path {
     /// Measures the scatter of the driven part around its smoothed path. The path follows its detections, so their
     /// residuals are smaller than their errors. The share of the degrees of freedom that the path takes up corrects for
     /// this (sum of leverages).
-    fn driving_noise(&self, sightings: &[Sighting]) -> Noise {
+    fn driving_noise(&self, observations: &[Observation]) -> Noise {
         let mut squares = Vec::new();
         let (mut own, mut lagged, mut leverage) = (0.0, 0.0, 0.0);
         let mut before: Option<(f64, Vector3<f64>)> = None;
         for ((part, state), covariance) in self.parts.iter().zip(&self.states).zip(&self.covariances) {
             // Detections stay neighbours across frames without inference, but not across a stationary interval or a gap.
             before = before.filter(|(time_s, _)| part.parked.is_none() && part.span_s[0] - time_s <= COAST_S);
-            let (None, Some(seen)) = (&part.parked, part.look(sightings)) else { continue };
-            let weight = white(sightings, part, seen, self.noise).try_inverse();
+            let (None, Some(seen)) = (&part.parked, part.observation(observations)) else { continue };
+            let weight = white(observations, part, seen, self.noise).try_inverse();
             let (Some(inverse), Some(weight)) = (seen.covariance.try_inverse(), weight) else { continue };
             let (pose, jacobian) = origin(state, self.half_wheelbase_m);
             leverage += (weight * jacobian * covariance * jacobian.transpose()).trace();
@@ -95,7 +95,7 @@ impl Path {
     /// The node's own covariance leaves these errors out.
     pub(crate) fn states(
         &self,
-        sightings: &[Sighting],
+        observations: &[Observation],
         stamps: &[FrameStamp],
         bias: impl Fn(&PathPart) -> Matrix3<f64>,
     ) -> Vec<TrackState> {
@@ -104,12 +104,12 @@ impl Path {
             let (pose, jacobian) = origin(state, self.half_wheelbase_m);
             let total: Matrix3<f64> = jacobian * covariance * jacobian.transpose() + bias(part);
             let mut pose_sd = total.diagonal().map(|variance| variance.max(0.0).sqrt());
-            if !self.facing.known {
+            if !self.front.known {
                 // Either end may be the front.
                 pose_sd.z = pose_sd.z.hypot(FRAC_PI_2);
             }
             for frame in part.frames.clone() {
-                let own = &sightings[part.sightings.clone()];
+                let own = &observations[part.observations.clone()];
                 let seen = own.binary_search_by_key(&frame, |o| o.frame).ok().map(|i| own[i].detection);
                 result.push(TrackState {
                     stamp: stamps[frame],

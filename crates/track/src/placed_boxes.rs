@@ -12,7 +12,7 @@ use crate::{
     expected::SURE_OVERLAP,
     filter::{MOTION_S, STATIONARY_MPS},
     frames::{BoxesByFrame, Frames},
-    measurement::Sighting,
+    measurement::Observation,
     picture_chains::{Chain, chains},
     raw_track::{DimsSum, RawTrack, votes_of},
 };
@@ -56,7 +56,7 @@ fn of_vehicle(
     track: &RawTrack,
     frames: &Frames,
     scene: &impl Scene,
-) -> Vec<Sighting> {
+) -> Vec<Observation> {
     let body = body(track.class(), track.dims_m(), &track.shape.fused().mean, scene);
     let places: Vec<[f64; 3]> =
         track.observations.iter().map(|seen| [seen.time_s, seen.pose.x, seen.pose.y]).collect();
@@ -65,7 +65,7 @@ fn of_vehicle(
         let driven = direction(&places, near.time_s).map(|travel| [travel, HEADING_SD_RAD]);
         Some(driven.unwrap_or([near.pose.z, near.covariance[(2, 2)].sqrt()]))
     };
-    sightings(boxes, &body, heading, frames, scene)
+    observations(boxes, &body, heading, frames, scene)
 }
 
 /// Returns the body of a vehicle: its size is `dims_m` (m) where that is given, else that of its class, for cars with this
@@ -92,10 +92,10 @@ fn alone(chain: &Chain, frames: &Frames, scene: &impl Scene) -> Option<RawTrack>
         if chain.goes_on() { places.iter().filter_map(direction_at).collect() } else { Vec::new() };
     let dims = DimsSum::of(about.iter().map(|(_, at)| &at.dims_m));
     if directions.is_empty() {
-        let sighting = |((frame, seen), at): &(&(usize, Detection), GroundContact)| {
-            Sighting::by_box(seen, at, *frame, time_s(*frame))
+        let observation = |((frame, seen), at): &(&(usize, Detection), GroundContact)| {
+            Observation::by_box(seen, at, *frame, time_s(*frame))
         };
-        return RawTrack::by_boxes(about.iter().map(sighting).collect(), boxes, dims);
+        return RawTrack::by_boxes(about.iter().map(observation).collect(), boxes, dims);
     }
     let dims_m = if class == VehicleClass::Car { None } else { dims.mean() };
     let body = body(class, dims_m, &Shape::zeros(), scene);
@@ -103,24 +103,24 @@ fn alone(chain: &Chain, frames: &Frames, scene: &impl Scene) -> Option<RawTrack>
         let [_, travel] = *nearest(&directions, time_s, |travel| travel[0])?;
         Some([travel, HEADING_SD_RAD])
     };
-    RawTrack::by_boxes(sightings(boxes, &body, heading, frames, scene), boxes, dims)
+    RawTrack::by_boxes(observations(boxes, &body, heading, frames, scene), boxes, dims)
 }
 
 /// Places boxes of a vehicle on the ground. `heading` returns its heading at a time (s) and the sd of the heading, rad.
-fn sightings(
+fn observations(
     boxes: &[(usize, Detection)],
     body: &Body,
     heading: impl Fn(f64) -> Option<[f64; 2]>,
     frames: &Frames,
     scene: &impl Scene,
-) -> Vec<Sighting> {
+) -> Vec<Observation> {
     let of_box = |(frame, seen): &(usize, Detection)| {
         let time_s = frames.times_s[*frame];
         let [heading_rad, heading_sd_rad] = heading(time_s)?;
         let known = Knowledge::Track { body: *body, heading_rad, heading_sd_rad };
         let placed = scene.place(&frames.stamps[*frame], seen, &known);
         let placed = placed.filter(|at| at.covariance.cholesky().is_some())?;
-        Some(Sighting::by_box(seen, &placed, *frame, time_s))
+        Some(Observation::by_box(seen, &placed, *frame, time_s))
     };
     boxes.iter().filter_map(of_box).collect()
 }

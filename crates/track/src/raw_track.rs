@@ -5,7 +5,7 @@ use roadplane_base::{VehicleClass, bbox_iou};
 use roadplane_measure::body_of;
 
 use crate::{
-    CarMeasurement, Detection, expected::SURE_OVERLAP, measurement::Sighting, noise::SIGNIFICANT,
+    CarMeasurement, Detection, expected::SURE_OVERLAP, measurement::Observation, noise::SIGNIFICANT,
     shape::ShapeSum, vehicle::HALF_WHEELBASE_M,
 };
 
@@ -16,7 +16,7 @@ pub(crate) const FEWEST: usize = 3;
 #[derive(Clone, Debug, Default)]
 pub(crate) struct RawTrack {
     /// Detections, in the order of time.
-    pub observations: Vec<Sighting>,
+    pub observations: Vec<Observation>,
     /// Evidence on the vehicle's shape.
     pub shape: ShapeSum,
     /// Sum of the scores for each class.
@@ -79,18 +79,18 @@ impl RawTrack {
     /// Creates a track of a vehicle that only boxes show, from detections that were placed on the ground. Boxes of which
     /// the detector is certain vote for a class. `None` without detections.
     pub(crate) fn by_boxes(
-        observations: Vec<Sighting>,
+        observations: Vec<Observation>,
         boxes: &[(usize, Detection)],
         dims: DimsSum,
     ) -> Option<Self> {
         let (votes, is_boxed) = (votes_of(boxes), true);
-        let certain = boxes.iter().filter(|(_, seen)| seen.is_sure() && !seen.held).count();
+        let certain = boxes.iter().filter(|(_, seen)| seen.is_sure() && !seen.carried_over).count();
         let track = Self { observations, votes, dims, certain, is_boxed, ..Self::default() };
         (!track.observations.is_empty()).then_some(track)
     }
 
     /// Adds a measurement to the end of the track.
-    pub(crate) fn add(&mut self, car: &CarMeasurement, observation: Sighting) {
+    pub(crate) fn add(&mut self, car: &CarMeasurement, observation: Observation) {
         self.votes += vote(car.detection.class, car.detection.score);
         if let Some(dims) = &car.dims_m {
             self.dims.add(dims);
@@ -99,7 +99,7 @@ impl RawTrack {
     }
 
     /// Inserts detections at frames in which the track has none.
-    pub(crate) fn insert(&mut self, found: &[Sighting]) {
+    pub(crate) fn insert(&mut self, found: &[Observation]) {
         self.observations.extend_from_slice(found);
         self.observations.sort_by_key(|seen| seen.frame);
     }
@@ -163,7 +163,7 @@ fn vote(class: VehicleClass, score: f64) -> Votes {
 }
 
 /// Whether two detections are of one car: their boxes overlap much, at about the same position.
-pub(crate) fn same_car(a: &Sighting, b: &Sighting) -> bool {
+pub(crate) fn same_car(a: &Observation, b: &Observation) -> bool {
     let [a_px, b_px] = [a, b].map(|seen| &seen.detection.bbox_px);
     in_one_place(&a.pose, a_px, &b.pose, b_px) || (bbox_iou(a_px, b_px) > SURE_OVERLAP && share_space(a, b))
 }
@@ -185,7 +185,7 @@ fn covered_ground(car: &Vector3<f64>, other: &Vector3<f64>) -> f64 {
 
 /// Whether the two detections cannot be two cars side by side. They are nearer than a car is wide, or their covariances
 /// do not separate them.
-fn share_space(a: &Sighting, b: &Sighting) -> bool {
+fn share_space(a: &Observation, b: &Observation) -> bool {
     let away = a.pose.xy() - b.pose.xy();
     let spread = (a.covariance + b.covariance).fixed_view::<2, 2>(0, 0).into_owned();
     away.norm() < body_of(VehicleClass::Car).dims_m.y

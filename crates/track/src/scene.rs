@@ -1,4 +1,4 @@
-//! What the tracker needs to know of the scene.
+//! The facts of the scene that the tracker needs.
 
 use nalgebra::Vector3;
 use roadplane_base::{FrameStamp, GroundPose, Shape, VehicleClass};

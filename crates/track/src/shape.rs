@@ -14,7 +14,7 @@
 use nalgebra::{Matrix6, Vector2};
 use roadplane_base::{Shape, fold_axis};
 
-use crate::{CarMeasurement, ShapeBelief};
+use crate::{CarMeasurement, ShapeEstimate};
 
 /// Distance that the car moves before a new view begins, m.
 const VIEW_M: f64 = 2.0;
@@ -25,7 +25,7 @@ const VIEW_TURN: f64 = 0.4;
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ShapeSum {
     /// The prior with the most information so far.
-    before: Option<ShapeBelief>,
+    before: Option<ShapeEstimate>,
     /// Sum of the views that have ended.
     ended: Canonical,
     /// The view that is still open.
@@ -41,8 +41,8 @@ struct Canonical {
 
 impl Canonical {
     /// Converts an estimate to canonical form.
-    fn of(belief: &ShapeBelief) -> Self {
-        Self { information: belief.information, vector: belief.information * belief.mean }
+    fn of(estimate: &ShapeEstimate) -> Self {
+        Self { information: estimate.information, vector: estimate.information * estimate.mean }
     }
 
     /// Adds another form, multiplied by a weight.
@@ -62,13 +62,13 @@ struct View {
     /// Sum of the information that the observations add.
     evidence: Canonical,
     /// Number of observations.
-    looks: f64,
+    count: f64,
 }
 
 impl View {
     /// Adds the mean of the view's observations to a sum.
     fn add_to(&self, sum: &mut Canonical) {
-        sum.add(&self.evidence, 1.0 / self.looks.max(1.0));
+        sum.add(&self.evidence, 1.0 / self.count.max(1.0));
     }
 }
 
@@ -94,7 +94,7 @@ impl ShapeSum {
         // Negative information is no evidence. Its sum would enlarge the shape instead of stabilising it.
         if (evidence.information + Matrix6::identity() * 1e-6).cholesky().is_some() {
             self.view.evidence.add(&evidence, 1.0);
-            self.view.looks += 1.0;
+            self.view.count += 1.0;
         }
     }
 
@@ -110,8 +110,8 @@ impl ShapeSum {
     }
 
     /// Takes this prior if it has more information than the current one.
-    fn know(&mut self, before: ShapeBelief) {
-        let is_less = |known: &ShapeBelief| known.information.trace() < before.information.trace();
+    fn know(&mut self, before: ShapeEstimate) {
+        let is_less = |known: &ShapeEstimate| known.information.trace() < before.information.trace();
         if self.before.as_ref().is_none_or(is_less) {
             self.before = Some(before);
         }
@@ -119,14 +119,14 @@ impl ShapeSum {
 
     /// Returns the shape from all views together. It is the atlas' mean car if there are no observations, or if the sum
     /// is not positive definite.
-    pub(crate) fn fused(&self) -> ShapeBelief {
+    pub(crate) fn fused(&self) -> ShapeEstimate {
         let mut sum = Canonical::of(&self.before.unwrap_or_default());
         sum.add(&self.ended, 1.0);
         self.view.add_to(&mut sum);
         let information = (sum.information + sum.information.transpose()) / 2.0;
         match information.cholesky() {
-            Some(factor) => ShapeBelief { mean: factor.solve(&sum.vector), information },
-            None => ShapeBelief::default(),
+            Some(factor) => ShapeEstimate { mean: factor.solve(&sum.vector), information },
+            None => ShapeEstimate::default(),
         }
     }
 }
@@ -138,25 +138,25 @@ mod tests {
     use roadplane_base::{GroundPose, VehicleClass};
 
     /// Returns a measurement with all shape coefficients equal, and this information in each of them.
-    fn look(shape: f64, information: f64) -> CarMeasurement {
+    fn measured(shape: f64, information: f64) -> CarMeasurement {
         let pose = GroundPose { x_m: 0.0, y_m: 20.0, heading_rad: 0.0 };
         let seen = Detection::uncut([0.0, 0.0, 10.0, 10.0], 1.0, VehicleClass::Car);
         let shape =
-            ShapeBelief { mean: Shape::repeat(shape), information: Matrix6::identity() * information };
+            ShapeEstimate { mean: Shape::repeat(shape), information: Matrix6::identity() * information };
         let measured = CarMeasurement::by_box(pose, nalgebra::Matrix3::identity(), seen);
         CarMeasurement { shape, from_box: false, ..measured }
     }
 
     #[test]
-    fn looks_from_one_place_count_once_and_views_add_up() {
+    fn observations_from_one_place_count_once_and_views_add_up() {
         let at = Vector2::new(0.0, 20.0);
         let mut sum = ShapeSum::new(at, 0.0);
-        (0..100).for_each(|_| sum.add(&look(1.5, 4.0), at, 0.0));
-        let ShapeBelief { mean: shape, information } = sum.fused();
+        (0..100).for_each(|_| sum.add(&measured(1.5, 4.0), at, 0.0));
+        let ShapeEstimate { mean: shape, information } = sum.fused();
         assert!((shape - Shape::repeat(1.5)).norm() < 1e-12 && (information[(0, 0)] - 4.0).abs() < 1e-12);
         // Three metres on there is as much evidence again: (4 · 1.5) / 3 = 2 without the prior.
-        sum.add(&look(1.5, 4.0), at + Vector2::new(3.0, 0.0), 0.0);
-        let ShapeBelief { mean: shape, information } = sum.fused();
+        sum.add(&measured(1.5, 4.0), at + Vector2::new(3.0, 0.0), 0.0);
+        let ShapeEstimate { mean: shape, information } = sum.fused();
         assert!((shape[0] - 12.0 / 7.0).abs() < 1e-12 && (information[(0, 0)] - 7.0).abs() < 1e-12);
     }
 
@@ -164,31 +164,31 @@ mod tests {
     fn information_below_the_prior_is_left_out() {
         let at = Vector2::new(0.0, 20.0);
         let mut sum = ShapeSum::new(at, 0.0);
-        (0..9).for_each(|_| sum.add(&look(3.0, 0.01), at, 0.0));
+        (0..9).for_each(|_| sum.add(&measured(3.0, 0.01), at, 0.0));
         assert!(sum.fused().mean.norm() < 1e-12);
     }
 
     #[test]
-    fn what_is_known_of_all_cars_is_counted_once() {
+    fn the_prior_of_all_cars_is_counted_once() {
         // The cars of this site are larger, N(0.8, 1). Ten positions give equal evidence of 1.6 each, which one
         // observation alone reduces to 1.2.
-        let before = ShapeBelief { mean: Shape::repeat(0.8), ..ShapeBelief::default() };
-        let after = ShapeBelief { mean: Shape::repeat(1.2), information: Matrix6::identity() * 2.0 };
-        let look = CarMeasurement { shape_before: before, shape: after, ..look(0.0, 1.0) };
+        let before = ShapeEstimate { mean: Shape::repeat(0.8), ..ShapeEstimate::default() };
+        let after = ShapeEstimate { mean: Shape::repeat(1.2), information: Matrix6::identity() * 2.0 };
+        let car = CarMeasurement { shape_before: before, shape: after, ..measured(0.0, 1.0) };
         let mut sum = ShapeSum::new(Vector2::new(0.0, 20.0), 0.0);
-        (0..10).for_each(|i| sum.add(&look, Vector2::new(0.0, 20.0 + 5.0 * f64::from(i)), 0.0));
+        (0..10).for_each(|i| sum.add(&car, Vector2::new(0.0, 20.0 + 5.0 * f64::from(i)), 0.0));
         assert!((sum.fused().mean[0] - (0.8 + 10.0 * 1.6) / 11.0).abs() < 1e-12);
         assert!((sum.fused().information[(0, 0)] - 11.0).abs() < 1e-12);
     }
 
     #[test]
-    fn a_known_shape_stays_known_beside_looks_that_knew_nothing() {
-        let held = ShapeBelief { mean: Shape::repeat(1.5), information: Matrix6::identity() * 20.0 };
-        let known = CarMeasurement { shape_before: held, shape: held, ..look(0.0, 1.0) };
+    fn a_certain_shape_stays_beside_uncertain_observations() {
+        let certain = ShapeEstimate { mean: Shape::repeat(1.5), information: Matrix6::identity() * 20.0 };
+        let known = CarMeasurement { shape_before: certain, shape: certain, ..measured(0.0, 1.0) };
         let at = Vector2::new(0.0, 20.0);
         let [mut some, mut others] = [ShapeSum::new(at, 0.0), ShapeSum::new(at, 0.0)];
         (0..10).for_each(|_| some.add(&known, at, 0.0));
-        (0..90).for_each(|_| others.add(&look(0.5, 2.0), at, 0.0));
+        (0..90).for_each(|_| others.add(&measured(0.5, 2.0), at, 0.0));
         for [mut first, second] in [[some.clone(), others.clone()], [others, some]] {
             first.append(second);
             // One view adds evidence of weight 1 for the value 1.

@@ -6,10 +6,10 @@ use roadplane_measure::Body;
 
 use crate::{
     Scene, TrackState,
-    by_boxes::{ByBoxes, Look},
+    by_boxes::{BoxEvidence, ByBoxes},
     filter::STATIONARY_MPS,
     frames::Frames,
-    measurement::Sighting,
+    measurement::Observation,
     parked::parked_pose,
     path::Path,
     path_parts::{PathPart, path_parts, per_view},
@@ -26,57 +26,59 @@ pub(crate) fn smooth_by_boxes(
     frames: &Frames,
     scene: &impl Scene,
 ) -> Option<(Vec<TrackState>, Body)> {
-    let sightings = &track.observations;
+    let observations = &track.observations;
     let Frames { stamps, times_s, .. } = frames;
     let body = &scene.body(track.class(), &track.shape.fused().mean);
     let start_m = track.dims_m().unwrap_or(body.dims_m);
-    let by_box = |seen: &Sighting| !seen.detection.held && (seen.from_box || body.class != VehicleClass::Car);
-    let by_pose = |seen: &Sighting| !seen.detection.held && !by_box(seen);
-    if !sightings.iter().any(by_box) {
+    let by_box = |seen: &Observation| {
+        !seen.detection.carried_over && (seen.from_box || body.class != VehicleClass::Car)
+    };
+    let by_pose = |seen: &Observation| !seen.detection.carried_over && !by_box(seen);
+    if !observations.iter().any(by_box) {
         return None;
     }
     let by_poses =
-        Path::by_poses(track, times_s).filter(|path| path.facing.drove || sightings.iter().any(by_pose))?;
+        Path::by_poses(track, times_s).filter(|path| path.front.drove || observations.iter().any(by_pose))?;
     let solve = |before: &Path, moving: &[bool], start_m: Vector3<f64>| {
-        let mut parts = path_parts(sightings, times_s, &runs(moving));
+        let mut parts = path_parts(observations, times_s, &runs(moving));
         let measured = |part: &mut PathPart| {
-            let seen = &sightings[part.sightings.clone()];
-            let poses: Vec<Sighting> = seen.iter().filter(|seen| by_pose(seen)).cloned().collect();
+            let seen = &observations[part.observations.clone()];
+            let poses: Vec<Observation> = seen.iter().filter(|seen| by_pose(seen)).cloned().collect();
             if poses.is_empty() {
                 return None;
             }
             if part.parked.is_some() {
                 part.parked = parked_pose(&poses);
             }
-            part.measured(sightings, by_poses.noise)
+            part.measured(observations, by_poses.noise)
         };
         let measured: Vec<_> = parts.iter_mut().map(measured).collect();
-        let look = |(part, measured): (&PathPart, &Option<_>)| {
-            let together = per_view(sightings, part.nearest);
-            let seen = Look::of(&sightings[part.sightings.clone()], together, stamps);
+        let evidence_of = |(part, measured): (&PathPart, &Option<_>)| {
+            let together = per_view(observations, part.nearest);
+            let seen = BoxEvidence::of(&observations[part.observations.clone()], together, stamps);
             seen.filter(|_| measured.is_none())
         };
-        let looks: Vec<Option<Look>> = parts.iter().zip(&measured).map(look).collect();
+        let evidence: Vec<Option<BoxEvidence>> = parts.iter().zip(&measured).map(evidence_of).collect();
         let nodes: Vec<Node> = parts.iter().zip(measured).map(|(part, one)| part.node(one)).collect();
         let start = parts.iter().map(|part| before.state_at(part.span_s[0])).collect::<Option<Vec<_>>>()?;
         let vehicle = Vehicle { nodes: &nodes, half_wheelbase_m: by_poses.half_wheelbase_m };
-        let problem = ByBoxes { vehicle, looks: &looks, body, start_m, scene };
+        let problem = ByBoxes { vehicle, evidence: &evidence, body, start_m, scene };
         let (states, covariances, found) = problem.solve(start)?;
         Some((Path { parts, states, covariances, ..*before }, found))
     };
     // First assume that it drove in every measured frame: the whole path determines speeds better than one second of it
     // does.
-    let mut moving: Vec<bool> = sightings.iter().map(|seen| !seen.detection.held).collect();
-    close_gaps(&mut moving, sightings);
+    let mut moving: Vec<bool> = observations.iter().map(|seen| !seen.detection.carried_over).collect();
+    close_gaps(&mut moving, observations);
     let (drive, found) = solve(&by_poses, &moving, start_m)?;
-    for (seen, moving) in sightings.iter().zip(&mut moving) {
+    for (seen, moving) in observations.iter().zip(&mut moving) {
         *moving &= drive.state_at(seen.time_s)?[3].abs() >= STATIONARY_MPS;
     }
-    close_gaps(&mut moving, sightings);
+    close_gaps(&mut moving, observations);
     let (path, found) = solve(&drive, &moving, found.dims_m)?;
-    let states = path.states(sightings, stamps, |part| {
-        let is_measured = sightings[part.sightings.clone()].iter().any(by_pose);
-        if is_measured { part.bias(sightings, path.noise) } else { Matrix3::zeros() }
+    let states = path.states(observations, stamps, |part| {
+        let is_measured = observations[part.observations.clone()].iter().any(by_pose);
+        if is_measured { part.bias(observations, path.noise) } else { Matrix3::zeros() }
     });
     Some((states, found))
 }

@@ -9,7 +9,7 @@ use roadplane_base::{bbox_centre, upper_median};
 
 use crate::{
     filter::{MOTION_S, STILL_M},
-    measurement::Sighting,
+    measurement::Observation,
     noise::{MIN_DETECTIONS, SIGNIFICANT},
 };
 
@@ -17,21 +17,21 @@ use crate::{
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Run {
     /// Indices of the detections.
-    pub sightings: Range<usize>,
+    pub observations: Range<usize>,
     /// Whether the car is stationary.
     pub parked: bool,
 }
 
 /// Divides a track's detections, in the order of time. A track without noticeable motion is one stationary interval.
-pub(crate) fn find_runs(sightings: &[Sighting]) -> Vec<Run> {
-    let moves_at = |i| moves(window(sightings, i));
-    let mut moving: Vec<bool> = (0..sightings.len()).map(moves_at).collect();
-    close_gaps(&mut moving, sightings);
+pub(crate) fn find_runs(observations: &[Observation]) -> Vec<Run> {
+    let moves_at = |i| moves(window(observations, i));
+    let mut moving: Vec<bool> = (0..observations.len()).map(moves_at).collect();
+    close_gaps(&mut moving, observations);
     // A stationary interval that creeps as a whole is slow driving.
     for run in runs(&moving).into_iter().filter(|run| run.parked) {
-        let part = &sightings[run.sightings.clone()];
+        let part = &observations[run.observations.clone()];
         if moves(part) {
-            moving[run.sightings].fill(true);
+            moving[run.observations].fill(true);
         }
     }
     runs(&moving)
@@ -39,25 +39,25 @@ pub(crate) fn find_runs(sightings: &[Sighting]) -> Vec<Run> {
 
 /// Returns the detections within half of [`MOTION_S`] of one. Where a car is rarely detected, a longer time is taken,
 /// so that it holds [`MIN_DETECTIONS`].
-fn window(sightings: &[Sighting], middle: usize) -> &[Sighting] {
-    let time_s = sightings[middle].time_s;
-    let mut from = sightings.partition_point(|o| o.time_s < time_s - MOTION_S / 2.0);
-    let mut to = sightings.partition_point(|o| o.time_s <= time_s + MOTION_S / 2.0);
-    let gap_s = |i: usize| sightings.get(i).map_or(f64::INFINITY, |o| (o.time_s - time_s).abs());
-    while to - from < MIN_DETECTIONS.min(sightings.len()) {
+fn window(observations: &[Observation], middle: usize) -> &[Observation] {
+    let time_s = observations[middle].time_s;
+    let mut from = observations.partition_point(|o| o.time_s < time_s - MOTION_S / 2.0);
+    let mut to = observations.partition_point(|o| o.time_s <= time_s + MOTION_S / 2.0);
+    let gap_s = |i: usize| observations.get(i).map_or(f64::INFINITY, |o| (o.time_s - time_s).abs());
+    while to - from < MIN_DETECTIONS.min(observations.len()) {
         if from > 0 && gap_s(from - 1) <= gap_s(to) {
             from -= 1;
         } else {
             to += 1;
         }
     }
-    &sightings[from..to]
+    &observations[from..to]
 }
 
 /// Whether the detections move by more than [`STILL_M`] on the ground, and by more than noise there and in the image. Their
 /// motion is that of a straight line through them.
-fn moves(part: &[Sighting]) -> bool {
-    let goes_at = |at: &dyn Fn(&Sighting) -> Vector2<f64>, least: f64| {
+fn moves(part: &[Observation]) -> bool {
+    let goes_at = |at: &dyn Fn(&Observation) -> Vector2<f64>, least: f64| {
         goes(&part.iter().map(|o| (o.time_s, at(o))).collect::<Vec<_>>(), least)
     };
     // When a car drives along the line of sight, its box stays and grows. So the corners are compared, and not only the
@@ -110,7 +110,7 @@ pub(crate) fn runs(moving: &[bool]) -> Vec<Run> {
     let mut found = Vec::new();
     let mut from = 0;
     for chunk in moving.chunk_by(|a, b| a == b) {
-        found.push(Run { sightings: from..from + chunk.len(), parked: !chunk[0] });
+        found.push(Run { observations: from..from + chunk.len(), parked: !chunk[0] });
         from += chunk.len();
     }
     found
@@ -118,12 +118,12 @@ pub(crate) fn runs(moving: &[bool]) -> Vec<Run> {
 
 /// Turns stationary intervals shorter than [`MOTION_S`] into driving, as they cannot be measured. A track that never
 /// drives is unchanged. At an end of the track, a short stop looks like driving that is hardly visible yet.
-pub(crate) fn close_gaps(moving: &mut [bool], sightings: &[Sighting]) {
+pub(crate) fn close_gaps(moving: &mut [bool], observations: &[Observation]) {
     let found = runs(moving);
     for run in found.iter().filter(|_| found.len() > 1) {
-        let (first, last) = (&sightings[run.sightings.start], &sightings[run.sightings.end - 1]);
+        let (first, last) = (&observations[run.observations.start], &observations[run.observations.end - 1]);
         if run.parked && last.time_s - first.time_s < MOTION_S {
-            moving[run.sightings.clone()].fill(true);
+            moving[run.observations.clone()].fill(true);
         }
     }
 }

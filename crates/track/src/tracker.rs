@@ -6,13 +6,13 @@ use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{CarRef, VehicleClass, assign, bbox_iou};
 
 use crate::{
-    CarMeasurement, Detection, FrameMeasurements, HeldCar, Scene, SeenAgain, Track, TrackOptions, TrackStep,
-    Tracks,
+    CarMeasurement, CarriedCar, Detection, FrameMeasurements, Scene, SeenAgain, Track, TrackOptions,
+    TrackStep, Tracks,
     complete::complete,
     expected::{Expected, SURE_OVERLAP},
     filter::POSE_FLOOR_M,
     frames::{BoxesByFrame, Frames},
-    measurement::Sighting,
+    measurement::Observation,
     noise::MIN_DETECTIONS,
     raw_track::{FEWEST, RawTrack, same_car},
     shape::ShapeSum,
@@ -24,7 +24,7 @@ struct Live {
     expected: Expected,
     raw: RawTrack,
     /// Frame and index of the last measurement.
-    look: Option<CarRef>,
+    source: Option<CarRef>,
     /// Number of counted inference frames when the track started.
     born: usize,
     /// Number of counted inference frames without a detection, since the last one.
@@ -34,8 +34,8 @@ struct Live {
 }
 
 impl Live {
-    /// Starts a track with its first measurement. `looks` is the number of inference frames so far.
-    fn new(car: &CarMeasurement, observation: Sighting, look: Option<CarRef>, looks: usize) -> Self {
+    /// Starts a track with its first measurement. `counted` is the number of inference frames so far.
+    fn new(car: &CarMeasurement, observation: Observation, source: Option<CarRef>, counted: usize) -> Self {
         let expected = Expected::new(&observation);
         let (position, axis) = (expected.filter.state.xy(), expected.filter.axis);
         let mut raw = RawTrack { shape: ShapeSum::new(position, axis), ..RawTrack::default() };
@@ -43,7 +43,7 @@ impl Live {
             raw.shape.add(car, position, axis);
         }
         raw.add(car, observation);
-        Self { expected, raw, look, born: looks, missed: 0, known: car.known }
+        Self { expected, raw, source, born: counted, missed: 0, known: car.known }
     }
 
     /// Whether it was detected often enough not to be a false alarm.
@@ -52,17 +52,17 @@ impl Live {
     }
 
     /// Adds a detection that is carried over: the car is in the position of its last measurement.
-    fn hold(&mut self, held: &HeldCar, frame: usize, time_s: f64) {
+    fn carry_over(&mut self, car: &CarriedCar, frame: usize, time_s: f64) {
         let Some(last) = self.raw.observations.last().cloned() else { return };
-        self.expected.hold(held.detection.bbox_px, time_s);
-        let detection = Detection { held: true, ..held.detection };
-        self.raw.observations.push(Sighting { frame, time_s, detection, ..last });
+        self.expected.carry_over(car.detection.bbox_px, time_s);
+        let detection = Detection { carried_over: true, ..car.detection };
+        self.raw.observations.push(Observation { frame, time_s, detection, ..last });
         self.missed = 0;
     }
 
     /// Adds a measurement.
-    fn add(&mut self, car: &CarMeasurement, observation: Sighting, look: Option<CarRef>) {
-        self.look = look;
+    fn add(&mut self, car: &CarMeasurement, observation: Observation, source: Option<CarRef>) {
+        self.source = source;
         self.expected.add(&observation);
         if !car.from_box {
             self.raw.shape.add(car, self.expected.filter.state.xy(), self.expected.filter.axis);
@@ -97,8 +97,8 @@ impl Tracker {
 
     /// Takes the next frame, in the order of time. Frames without cars must be given, too.
     pub fn push(&mut self, frame: &FrameMeasurements) {
-        let (index, time_s, is_look) = self.frames.push(frame.stamp, frame.delay_s, frame.looked);
-        let looks = self.frames.looks;
+        let (index, time_s, is_counted) = self.frames.push(frame.stamp, frame.delay_s, frame.looked);
+        let counted = self.frames.counted;
         let mut cars: Vec<&CarMeasurement> = frame.cars.iter().filter(|car| car.is_usable()).collect();
         self.rejected += frame.cars.len() - cars.len();
         // The cars are sorted, so that their order in the frame has no effect.
@@ -114,56 +114,57 @@ impl Tracker {
                 .find(|o| o.is_ne())
                 .unwrap_or(a.detection.car.cmp(&b.detection.car))
         });
-        let observations: Vec<Sighting> = cars.iter().map(|car| observation(car, index, time_s)).collect();
-        let mut held: Vec<bool> = vec![false; self.live.len()];
-        for car in &frame.held {
+        let observations: Vec<Observation> = cars.iter().map(|car| observation(car, index, time_s)).collect();
+        let mut carried: Vec<bool> = vec![false; self.live.len()];
+        for car in &frame.carried_over {
             // A measurement that failed belongs to no track. The car is still the one that is stationary there.
-            let by_look = car.look.and_then(|look| self.live.iter().position(|live| live.look == Some(look)));
+            let by_source =
+                car.source.and_then(|source| self.live.iter().position(|live| live.source == Some(source)));
             let overlap =
                 |l: &usize| bbox_iou(&self.live[*l].expected.motion.last_px, &car.detection.bbox_px);
             let by_place = || {
-                let free = (0..self.live.len()).filter(|l| !held[*l] && overlap(l) > SURE_OVERLAP);
+                let free = (0..self.live.len()).filter(|l| !carried[*l] && overlap(l) > SURE_OVERLAP);
                 free.max_by(|a, b| overlap(a).total_cmp(&overlap(b)))
             };
-            if let Some(l) = by_look.filter(|l| !held[*l]).or_else(by_place) {
-                self.live[l].hold(car, index, time_s);
-                held[l] = true;
+            if let Some(l) = by_source.filter(|l| !carried[*l]).or_else(by_place) {
+                self.live[l].carry_over(car, index, time_s);
+                carried[l] = true;
             }
         }
         let again: Vec<Option<&SeenAgain>> = (self.live.iter())
-            .map(|live| frame.seen_again.iter().find(|car| Some(car.look) == live.look))
+            .map(|live| frame.seen_again.iter().find(|car| Some(car.source) == live.source))
             .collect();
         self.seen_again.extend(frame.seen_again.iter().map(|car| (frame.stamp.index, *car)));
         // Tracks with a detection of their own take no other box.
         let has_own: Vec<bool> =
-            held.iter().zip(&again).map(|(held, again)| *held || again.is_some()).collect();
+            carried.iter().zip(&again).map(|(carried, again)| *carried || again.is_some()).collect();
         let pairs = assign(self.live.len(), cars.len(), 1.0, |l, c| {
             if has_own[l] { f64::INFINITY } else { self.live[l].expected.cost(&observations[c]) }
         });
         for (live, again) in self.live.iter_mut().zip(&again) {
             live.raw.seen_again += usize::from(again.is_some());
         }
-        let look = |c: usize| cars[c].detection.car.map(|car| CarRef { frame: frame.stamp.index, car });
+        let source = |c: usize| cars[c].detection.car.map(|car| CarRef { frame: frame.stamp.index, car });
         for ((live, pair), has_own) in self.live.iter_mut().zip(&pairs).zip(&has_own) {
             match *pair {
-                Some(c) => live.add(cars[c], observations[c].clone(), look(c)),
-                None => live.missed += usize::from(is_look && !has_own),
+                Some(c) => live.add(cars[c], observations[c].clone(), source(c)),
+                None => live.missed += usize::from(is_counted && !has_own),
             }
         }
         let taken = |c: usize| pairs.contains(&Some(c));
-        let own: Vec<Sighting> = (self.live.iter().zip(&again).zip(&has_own))
+        let own: Vec<Observation> = (self.live.iter().zip(&again).zip(&has_own))
             .filter(|(_, has_own)| **has_own)
             .filter_map(|((live, again), _)| {
                 let last = live.raw.observations.last()?;
                 let bbox_px = again.map_or(last.detection.bbox_px, |car| car.bbox_px);
-                Some(Sighting { detection: Detection { bbox_px, ..last.detection }, ..last.clone() })
+                Some(Observation { detection: Detection { bbox_px, ..last.detection }, ..last.clone() })
             })
             .collect();
         let births: Vec<usize> = (0..cars.len())
             // A car without a car's keypoints starts no track.
             .filter(|&c| !taken(c) && (!cars[c].from_box || cars[c].detection.class != VehicleClass::Car))
             .filter(|&c| {
-                let same = |other: &Sighting| same_car(&observations[c], other);
+                let same = |other: &Observation| same_car(&observations[c], other);
                 !(0..cars.len()).any(|other| taken(other) && same(&observations[other]))
                     && !own.iter().any(same)
             })
@@ -173,7 +174,7 @@ impl Tracker {
         }
         self.bury(time_s);
         for c in births {
-            self.live.push(Live::new(cars[c], observations[c].clone(), look(c), looks));
+            self.live.push(Live::new(cars[c], observations[c].clone(), source(c), counted));
         }
     }
 
@@ -189,10 +190,10 @@ impl Tracker {
 
     /// Ends tracks that were undetected for too long. Unconfirmed tracks get little time.
     fn bury(&mut self, time_s: f64) {
-        let (options, looks) = (&self.options, self.frames.looks);
+        let (options, counted) = (&self.options, self.frames.counted);
         let is_dead = |live: &mut Live| {
             if !live.is_confirmed(options) {
-                return looks + 1 - live.born >= MIN_DETECTIONS || live.missed + FEWEST > MIN_DETECTIONS;
+                return counted + 1 - live.born >= MIN_DETECTIONS || live.missed + FEWEST > MIN_DETECTIONS;
             }
             // Inference frames may be rare, so a track may miss one of them.
             live.missed > 1 && live.expected.is_lost(time_s)
@@ -205,10 +206,10 @@ impl Tracker {
 }
 
 /// Converts a measurement to a detection, and adds the least variance to that of its position.
-fn observation(car: &CarMeasurement, frame: usize, time_s: f64) -> Sighting {
+fn observation(car: &CarMeasurement, frame: usize, time_s: f64) -> Observation {
     let floor = POSE_FLOOR_M.powi(2);
     let covariance = car.covariance + Matrix3::from_diagonal(&Vector3::new(floor, floor, 0.0));
-    Sighting {
+    Observation {
         frame,
         time_s,
         pose: car.pose_vector(),
@@ -224,10 +225,10 @@ fn observation(car: &CarMeasurement, frame: usize, time_s: f64) -> Sighting {
 fn add_detections(tracks: &mut [Track], detections: &[(u64, SeenAgain)]) {
     let mut owners: BTreeMap<CarRef, usize> = BTreeMap::new();
     for (owner, track) in tracks.iter().enumerate() {
-        owners.extend(track.measured().map(|(look, _)| (look, owner)));
+        owners.extend(track.measured().map(|(source, _)| (source, owner)));
     }
     for (frame, seen) in detections {
-        let Some(&owner) = owners.get(&seen.look) else { continue };
+        let Some(&owner) = owners.get(&seen.source) else { continue };
         let states = &mut tracks[owner].states;
         let Ok(at) = states.binary_search_by_key(frame, |state| state.stamp.index) else { continue };
         let state = &mut states[at];

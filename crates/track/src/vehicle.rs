@@ -147,7 +147,7 @@ impl Vehicle<'_> {
 
     /// Returns the curvature of this vehicle's paths relative to those of cars. The wheels of all vehicles turn by the
     /// same angles, which makes a long vehicle's path less curved.
-    fn bend(&self) -> f64 {
+    fn relative_curvature(&self) -> f64 {
         HALF_WHEELBASE_M / self.half_wheelbase_m
     }
 
@@ -162,36 +162,36 @@ impl Vehicle<'_> {
     /// curvature.
     fn prior(&self, i: usize) -> State {
         let speed: f64 = if self.nodes[i].parked { 1e-3 } else { 30.0 };
-        let bend = CURVATURE_SD * self.bend();
+        let curvature = CURVATURE_SD * self.relative_curvature();
         let around_s = self.gap_s(i) + self.gap_s(i + 1);
         let share = (around_s / (2.0 * VIEW_S)).min(1.0);
-        State::new(0.0, 0.0, 0.0, speed.powi(-2), share * bend.powi(-2))
+        State::new(0.0, 0.0, 0.0, speed.powi(-2), share * curvature.powi(-2))
     }
 
     /// Returns the precisions of a step's residual over a time in s.
     fn step_precision(&self, dt: f64) -> State {
-        let sd = [SLIP_M, SLIP_M, TURN, SPEED_CHANGE, CURVATURE_SD * self.bend()];
+        let sd = [SLIP_M, SLIP_M, TURN, SPEED_CHANGE, CURVATURE_SD * self.relative_curvature()];
         State::from_fn(|i, _| 1.0 / (sd[i] * sd[i] * dt))
     }
 }
 
 /// Returns the residual of a step and its Jacobians (5 × 5) by the state before and the state after.
 fn step_residual(a: &State, b: &State, dt: f64) -> (State, Matrix5<f64>, Matrix5<f64>) {
-    let (heading, speed, bend) = ((a[2] + b[2]) / 2.0, (a[3] + b[3]) / 2.0, (a[4] + b[4]) / 2.0);
+    let (heading, speed, curvature) = ((a[2] + b[2]) / 2.0, (a[3] + b[3]) / 2.0, (a[4] + b[4]) / 2.0);
     let (sin, cos) = heading.sin_cos();
-    let way = speed * dt;
+    let distance = speed * dt;
     let mut r = b - a;
-    r[0] -= way * cos;
-    r[1] -= way * sin;
-    r[2] -= way * bend;
+    r[0] -= distance * cos;
+    r[1] -= distance * sin;
+    r[2] -= distance * curvature;
     // Derivatives by the means, half of which each end makes up.
     let mut half = Matrix5::zeros();
-    half[(0, 2)] = way * sin / 2.0;
-    half[(1, 2)] = -way * cos / 2.0;
+    half[(0, 2)] = distance * sin / 2.0;
+    half[(1, 2)] = -distance * cos / 2.0;
     half[(0, 3)] = -dt * cos / 2.0;
     half[(1, 3)] = -dt * sin / 2.0;
-    half[(2, 3)] = -dt * bend / 2.0;
-    half[(2, 4)] = -way / 2.0;
+    half[(2, 3)] = -dt * curvature / 2.0;
+    half[(2, 4)] = -distance / 2.0;
     (r, half - Matrix5::identity(), half + Matrix5::identity())
 }
 

@@ -15,9 +15,9 @@ const STRAY: f64 = 1.05;
 /// Distance at which two edges belong to one object, 1 sd, as a share of the picture's width; vertically twice that.
 const TOGETHER: f64 = 0.025;
 
-/// A node of the search grid: (bend, roll, lens). The bend is the inverse distance of the vertical vanishing point,
-/// tan(tilt) / focal, 1/px. The roll is in rad. The lens distortion is the share by which the lens draws the half width in
-/// (negative) or out.
+/// A node of the search grid: (inverse distance, roll, lens). The inverse distance of the vertical vanishing point is
+/// tan(tilt) / focal, 1/px. The roll is in rad. The lens distortion is the share by which the lens draws the half width
+/// in (negative) or out.
 pub(super) type Node = Vector3<f64>;
 
 /// An edge, in pixels relative to the principal point.
@@ -71,10 +71,10 @@ impl Field {
 
     /// Returns the edges with the distortion `lens` removed, to first order: `p (1 − lens |p|² / half width²)`.
     pub(super) fn undistorted(&self, lens: f64) -> Vec<Edge> {
-        let bent = lens / (self.half_width * self.half_width);
+        let distortion = lens / (self.half_width * self.half_width);
         let straight = |edge: &Edge| {
-            let scale = 1.0 - bent * edge.at.norm_squared();
-            let along = edge.along * scale - 2.0 * bent * edge.at * edge.at.dot(&edge.along);
+            let scale = 1.0 - distortion * edge.at.norm_squared();
+            let along = edge.along * scale - 2.0 * distortion * edge.at * edge.at.dot(&edge.along);
             Edge { at: edge.at * scale, along: along / along.norm() }
         };
         self.edges.iter().map(straight).collect()

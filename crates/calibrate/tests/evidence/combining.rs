@@ -6,7 +6,7 @@ use crate::records::{frame, still};
 
 /// Returns `n` observations of one stationary car. The predicted sd is 4 px; the actual noise has `white` times this
 /// sd.
-fn looks(n: u64, white: f64, random: &mut Rng) -> Vec<KeypointSet> {
+fn observations(n: u64, white: f64, random: &mut Rng) -> Vec<KeypointSet> {
     (0..n)
         .filter_map(|i| {
             frame(i, i as f64, &[still(100.0, 100.0, 200.0)], 4.0, white, random).cars[0]
@@ -29,25 +29,25 @@ fn sd(sets: &[KeypointSet]) -> f64 {
 #[test]
 fn the_mean_keeps_the_bias_of_one_observation() {
     for white in [0.2, 1.0] {
-        let sets = looks(100, white, &mut Rng::new(1));
+        let sets = observations(100, white, &mut Rng::new(1));
         assert!((sd(&sets) - 4.0).abs() < 0.05, "{} px", sd(&sets));
-        let off =
-            combined(&sets)[3].unwrap().pixel - combined(&looks(1, 0.0, &mut Rng::new(1)))[3].unwrap().pixel;
+        let off = combined(&sets)[3].unwrap().pixel
+            - combined(&observations(1, 0.0, &mut Rng::new(1)))[3].unwrap().pixel;
         assert!(off.norm() < 4.0 * white * 0.4, "the mean has less white noise: {off}");
     }
 }
 
 #[test]
 fn scatter_beyond_the_prediction_widens_it() {
-    let [one, few] = [1, 4].map(|n| sd(&looks(n, 3.0, &mut Rng::new(3))));
-    // The scatter of the four observations is more than four times what they predict.
+    let [one, few] = [1, 4].map(|n| sd(&observations(n, 3.0, &mut Rng::new(3))));
+    // The scatter of the four observations is more than four times the prediction.
     let least = 4.0 * (1.0 + 4.0 / 4.0_f64).sqrt();
     assert!((one - 4.0).abs() < 1e-9 && few > least, "{one} and {few} px");
 }
 
 #[test]
-fn every_fourth_look_far_off_does_little() {
-    let mut sets = looks(40, 0.5, &mut Rng::new(4));
+fn every_fourth_observation_far_off_does_little() {
+    let mut sets = observations(40, 0.5, &mut Rng::new(4));
     for set in sets.iter_mut().step_by(4) {
         set.iter_mut().flatten().for_each(|p| p.pixel.x += 60.0);
     }
@@ -58,7 +58,7 @@ fn every_fourth_look_far_off_does_little() {
 
 #[test]
 fn a_quarter_of_the_frames_that_another_car_hides_does_little() {
-    let mut sets = looks(40, 0.5, &mut Rng::new(4));
+    let mut sets = observations(40, 0.5, &mut Rng::new(4));
     for set in sets.iter_mut().skip(12).take(10) {
         set.iter_mut().flatten().for_each(|p| p.pixel.x += 60.0);
     }
@@ -67,7 +67,7 @@ fn a_quarter_of_the_frames_that_another_car_hides_does_little() {
 
 #[test]
 fn keypoints_that_most_frames_lack_are_left_out() {
-    let mut sets = looks(10, 1.0, &mut Rng::new(5));
+    let mut sets = observations(10, 1.0, &mut Rng::new(5));
     sets.iter_mut().skip(4).for_each(|set| set[3] = None);
     sets.iter_mut().skip(5).for_each(|set| set[4] = None);
     let found = combined(&sets);

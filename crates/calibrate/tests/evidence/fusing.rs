@@ -211,7 +211,7 @@ fn without_evidence_the_prior_stays_and_is_said() {
 }
 
 #[test]
-fn clues_count_once_however_many_windows_there_are() {
+fn factors_count_once_however_many_windows_there_are() {
     let factor = Factor::Survey(Survey::of_number(0, truth()[0] + 0.1, 0.02));
     for count in [1, 20] {
         let windows: Vec<WindowEstimate> = (0..count).map(|i| window(i, &truth(), parked(0..9))).collect();

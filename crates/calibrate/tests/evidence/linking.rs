@@ -28,7 +28,7 @@ fn cars_keep_their_names_while_one_drives_past() {
 }
 
 #[test]
-fn a_parked_car_is_known_again_after_20_s_and_a_driving_one_is_not() {
+fn a_parked_car_is_recognised_after_20_s_and_a_driving_one_is_not() {
     let mut linker = Linker::default();
     let mut random = Rng::new(2);
     let cars = [

@@ -3,11 +3,11 @@
 #![allow(missing_docs, clippy::unwrap_used, clippy::panic)]
 
 mod combining;
+mod epochs;
 mod fusing;
 mod linking;
 mod moving_camera;
 mod places;
 mod records;
-mod remembering;
 mod selecting;
 mod verticals;

@@ -74,9 +74,9 @@ fn place(seed: u64, things: usize, strays: usize, lanes: usize) -> Place {
         let along = Vector2::new(cos * along.x - sin * along.y, sin * along.x + cos * along.y) / along.norm();
         // The lens moves the ends, and with them the midpoint.
         let ends = [-0.5, 0.5].map(|share| at + share * length * along);
-        let bent = ends.map(|end| end * (1.0 + lens * end.norm_squared() / (960.0 * 960.0)) + middle);
+        let distorted = ends.map(|end| end * (1.0 + lens * end.norm_squared() / (960.0 * 960.0)) + middle);
         if (along.x / along.y).abs() < 0.57 {
-            lines.push(SceneLine { ends_px: bent, sd_rad });
+            lines.push(SceneLine { ends_px: distorted, sd_rad });
         }
     };
     let anywhere =
@@ -128,7 +128,7 @@ fn masts_tell_where_up_is_and_how_well() {
 }
 
 #[test]
-fn roads_without_anything_that_stands_say_nothing() {
+fn roads_without_vertical_edges_have_no_result() {
     let count = 80;
     let spoke = (0..count)
         .filter(|seed| {

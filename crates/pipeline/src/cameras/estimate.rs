@@ -18,10 +18,10 @@ use crate::cameras::empty_scene_view::scene_from_world;
 use crate::cameras::joining::{factors_by_position, fuse_options};
 use crate::cameras::known::CameraConstraints;
 use crate::cameras::lens::LensOfClip;
-use crate::cameras::memory::{CameraHistory, look};
+use crate::cameras::memory::{CameraHistory, compare_views};
 use crate::cameras::optics::Optics;
-use crate::cameras::remembered::{add_remembered, evidence_of, own_epoch};
 use crate::cameras::second_plane::with_second_plane;
+use crate::cameras::stored::{add_stored, evidence_of, own_epoch};
 use crate::cameras::window::Solving;
 use crate::{Config, PipelineError};
 
@@ -187,9 +187,9 @@ impl CameraInputs<'_> {
             let options = options.for_cars();
             let view = scene_from_world.as_ref()?;
             let (said, cars) = evidence_of(recall, &windows, position, span_s, &parked, view, &options)?;
-            let epochs = epochs(&recall.evidence, &look, &options);
+            let epochs = epochs(&recall.evidence, &compare_views, &options);
             if let Some(epoch) = own_epoch(recall, &said, &epochs, &options) {
-                add_remembered(&mut windows, position, epoch, (&said, &cars), view);
+                add_stored(&mut windows, position, epoch, (&said, &cars), view);
             }
             Some(said)
         });

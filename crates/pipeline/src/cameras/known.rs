@@ -18,7 +18,7 @@ pub(crate) use frames::in_first_picture;
 pub use measured::Measured;
 
 use crate::PipelineError;
-use camera_file::{CameraOfFile, KnownLens};
+use camera_file::{CameraOfFile, GivenLens};
 use measured::{GUESSED_HEIGHT_SHARE, GUESSED_TILT_SD_DEG};
 
 /// Largest difference in the log ratio of sides between pictures of the same camera in two sizes.
@@ -30,7 +30,7 @@ pub struct CameraConstraints {
     /// Exact focal length (px), and the size of the pictures for which it holds, if given.
     focal: Option<(f64, Option<ImageSize>)>,
     /// Lens distortion, if given.
-    lens: Option<KnownLens>,
+    lens: Option<GivenLens>,
     /// Lens through which the ends of lengths are observed.
     seen_through: Lens,
     /// Mapping from pixels of the frames that lengths name to pixels of the camera's first picture.
@@ -110,7 +110,7 @@ impl CameraConstraints {
                     "the lens is given twice, by --camera and by --lens: leave one out",
                 ));
             }
-            known.lens = Some(KnownLens::Opencv(k1_k2));
+            known.lens = Some(GivenLens::Opencv(k1_k2));
             if known.about_focal_px().is_none() {
                 return Err(PipelineError::usage("--lens needs a focal length: give --focal-px, too"));
             }
@@ -174,8 +174,8 @@ impl CameraConstraints {
     /// Returns the lens, if given, for pictures of this size. Call [`CameraConstraints::for_pictures`] first.
     pub(crate) fn lens(&self, size: ImageSize) -> Option<Lens> {
         match self.lens? {
-            KnownLens::Opencv([k1, k2]) => Some(Lens::from_opencv(k1, k2, self.about_focal_px()?, size)),
-            KnownLens::Bend(bend) => Some(Lens::with_distortion(bend, size)),
+            GivenLens::Opencv([k1, k2]) => Some(Lens::from_opencv(k1, k2, self.about_focal_px()?, size)),
+            GivenLens::Bend(bend) => Some(Lens::with_distortion(bend, size)),
         }
     }
 

@@ -78,7 +78,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_camera_of_known_tilt_and_height() {
+    fn a_camera_of_given_tilt_and_height() {
         // The camera is 10 m up, looks along world y, 0.3 rad down, without roll.
         let plane = GroundPlane::from_tilt_roll_height(0.3, 0.0, 10.0);
         let m = plane.camera_from_world().to_homogeneous();

@@ -181,7 +181,7 @@ pub(crate) struct CameraHistory {
 }
 
 /// Compares the pictures of the empty scene of two clips.
-pub(crate) fn look(a: &CameraEvidence, b: &CameraEvidence) -> SameView {
+pub(crate) fn compare_views(a: &CameraEvidence, b: &CameraEvidence) -> SameView {
     let displacement = || {
         let (a, b) = (unpacked(a.place.as_ref()?)?, unpacked(b.place.as_ref()?)?);
         a.displacement(&b)
@@ -233,8 +233,11 @@ pub fn stored_cameras(
     let evidence = sound(store.read(camera)?);
     let size = |epoch: &Epoch<'_>| epoch.clips.first().map(|clip| clip.image_size_px);
     let any = evidence.first().map_or(ImageSize { width: 1, height: 1 }, |first| first.image_size_px);
-    let epochs =
-        epochs(&evidence, &look, &fuse_options(any, 1, &CameraConstraints::default(), config).for_cars());
+    let epochs = epochs(
+        &evidence,
+        &compare_views,
+        &fuse_options(any, 1, &CameraConstraints::default(), config).for_cars(),
+    );
     let known = |epoch: &Epoch<'_>| {
         let options = fuse_options(size(epoch)?, 1, &CameraConstraints::default(), config);
         let estimate = fuse(&epoch.windows, &options).pop()?;

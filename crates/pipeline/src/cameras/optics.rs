@@ -1,4 +1,4 @@
-//! What must be known of the camera before its frames can be converted: the lens, and where its pictures lie.
+//! The facts of the camera that are needed before its frames can be converted: the lens, and where its pictures lie.
 
 use std::path::Path;
 use std::sync::Arc;

@@ -57,7 +57,7 @@ impl<'a> Solving<'a> {
         // is solved again.
         let camera = Camera { lens: options.lens, ..Camera::centred(solution.params.focal_px(), size) };
         let limits = config.solve.fit_limits();
-        let believed: Vec<bool> = views
+        let trusted: Vec<bool> = views
             .iter()
             .zip(&solution.cars)
             .map(|(view, car)| {
@@ -67,8 +67,8 @@ impl<'a> Solving<'a> {
                 })
             })
             .collect();
-        if solution.status.usable() && believed.contains(&false) && believed.contains(&true) {
-            let kept = views.into_iter().zip(&believed).filter(|(_, believed)| **believed);
+        if solution.status.usable() && trusted.contains(&false) && trusted.contains(&true) {
+            let kept = views.into_iter().zip(&trusted).filter(|(_, trusted)| **trusted);
             views = kept.map(|(view, _)| view).collect();
             solution = solved(&views, &SceneOptions { start: Some(solution.params), ..options.clone() });
         }

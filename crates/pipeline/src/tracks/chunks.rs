@@ -185,7 +185,7 @@ mod tests {
     use super::*;
     use nalgebra::Vector3;
     use roadplane_base::{CarRecord, FrameStamp, GroundPose, ImageSize, VehicleClass};
-    use roadplane_track::{Evidence, ShapeBelief, TrackState};
+    use roadplane_track::{Evidence, ShapeEstimate, TrackState};
 
     /// Returns a frame at a second of the clip with this number of cars.
     fn frame(second: u64, cars: usize) -> FrameRecord {
@@ -222,7 +222,7 @@ mod tests {
             dims_m: None,
             dims_covariance: None,
             states: seconds.map(state).collect(),
-            shape: ShapeBelief::default(),
+            shape: ShapeEstimate::default(),
             evidence: EVIDENCE,
             joins: Vec::new(),
         }

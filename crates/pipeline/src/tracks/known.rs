@@ -5,12 +5,12 @@ use std::sync::Arc;
 
 use roadplane_base::{CarRef, GroundPose, ShapeAtlas, VehicleClass};
 use roadplane_measure::{Body, body_of, car_body};
-use roadplane_track::{ShapeBelief, Track, TrackState};
+use roadplane_track::{ShapeEstimate, Track, TrackState};
 
 /// The vehicle in a box, from the first pass.
-pub(crate) struct KnownCar {
+pub(crate) struct TrackedCar {
     /// The vehicle, common to all its boxes.
-    pub vehicle: Arc<KnownVehicle>,
+    pub vehicle: Arc<TrackedVehicle>,
     /// Smoothed pose at this frame.
     pub pose: GroundPose,
     /// Sd of the heading, rad.
@@ -18,18 +18,18 @@ pub(crate) struct KnownCar {
 }
 
 /// A vehicle from the first pass, common to all its boxes.
-pub(crate) struct KnownVehicle {
+pub(crate) struct TrackedVehicle {
     /// Mean and information of its shape.
-    pub shape: ShapeBelief,
+    pub shape: ShapeEstimate,
     /// Its class and size.
     pub body: Body,
 }
 
 /// Returns the track's shape and smoothed pose for each detection of a track. Shapes are within the atlas's bounds.
-pub(crate) fn tracked_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<CarRef, KnownCar> {
+pub(crate) fn tracked_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<CarRef, TrackedCar> {
     let mut known = BTreeMap::new();
     for track in tracks {
-        let shape = ShapeBelief { mean: atlas.clamped(&track.shape.mean), ..track.shape };
+        let shape = ShapeEstimate { mean: atlas.clamped(&track.shape.mean), ..track.shape };
         let body = match track.dims_m {
             Some(dims_m) => {
                 let class = body_of(track.class);
@@ -39,8 +39,8 @@ pub(crate) fn tracked_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<Car
             None => body_of(track.class),
         }
         .at_best();
-        let vehicle = Arc::new(KnownVehicle { shape, body });
-        let of = |state: &TrackState| KnownCar {
+        let vehicle = Arc::new(TrackedVehicle { shape, body });
+        let of = |state: &TrackState| TrackedCar {
             vehicle: Arc::clone(&vehicle),
             pose: state.pose,
             heading_sd_rad: state.pose_sd.z,

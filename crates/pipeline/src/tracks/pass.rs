@@ -9,13 +9,13 @@ use roadplane_geo::Place;
 use roadplane_measure::{FrameCamera, Knowledge, fit_frame, ground_contact, hidden_edges, projected_box};
 use roadplane_solve::{CarFit, SceneOptions, ShapePrior};
 use roadplane_track::{
-    CarMeasurement, Clock, Detection, FrameMeasurements, HeldCar, SeenAgain, ShapeBelief, Track,
+    CarMeasurement, CarriedCar, Clock, Detection, FrameMeasurements, SeenAgain, ShapeEstimate, Track,
     TrackOptions, TrackStep, Tracker, Tracks,
 };
 
 use crate::cameras::camera_track::CameraTrack;
 use crate::tracks::chunks::TimeChunk;
-use crate::tracks::known::KnownCar;
+use crate::tracks::known::TrackedCar;
 use crate::tracks::poses::{CarriedPoses, pose_record};
 use crate::tracks::scene::SiteScene;
 use crate::tracks::views::Views;
@@ -58,7 +58,7 @@ impl Pass<'_> {
         &self,
         frames: impl Iterator<Item = Result<FrameRecord, PipelineError>>,
         chunk: TimeChunk,
-        known: Option<&BTreeMap<CarRef, KnownCar>>,
+        known: Option<&BTreeMap<CarRef, TrackedCar>>,
         tally: &mut Tally,
         mut sink: impl FnMut(&PoseRecord) -> Result<(), PipelineError>,
     ) -> Result<(Vec<Track>, Views), PipelineError> {
@@ -69,7 +69,7 @@ impl Pass<'_> {
         let min_exists_p = if known.is_some() { self.config.track.min_exists_p } else { 0.0 };
         let new = || Tracker::new(TrackOptions { min_exists_p, ..self.config.track.clone() });
         let mut views = Views::default();
-        let mut looks = CarriedPoses::default();
+        let mut poses_so_far = CarriedPoses::default();
         let limits = self.config.solve.fit_limits();
         for frame in frames {
             let frame = frame?;
@@ -80,32 +80,32 @@ impl Pass<'_> {
             views.add(&frame);
             let picture_px = frame.picture_px();
             let view = FrameCamera::from(estimate);
-            let known_car =
+            let tracked_car =
                 |car: usize| known.and_then(|known| known.get(&CarRef { frame: frame.frame, car }));
-            let prior = |car: usize| match known_car(car) {
-                Some(KnownCar { vehicle, pose, .. }) => {
+            let prior = |car: usize| match tracked_car(car) {
+                Some(TrackedCar { vehicle, pose, .. }) => {
                     (ShapePrior::fixed_at(vehicle.shape.mean, vehicle.shape.information), Some(*pose))
                 }
                 None => (self.any_car, None),
             };
             let least_score = self.config.solve.min_keypoint_score;
             let fitted = fit_frame(&frame, &view, self.atlas, &self.options, least_score, prior);
-            let (mut cars, mut held, mut seen_again, mut boxes) =
+            let (mut cars, mut carried_over, mut seen_again, mut boxes) =
                 (Vec::new(), Vec::new(), Vec::new(), Vec::new());
             for (index, fit) in fitted.into_iter().enumerate() {
                 let record = &frame.cars[index];
-                if let Some(look) = record.seen_after {
-                    seen_again.push(SeenAgain { look, bbox_px: record.bbox_px, score: record.score });
+                if let Some(source) = record.seen_after {
+                    seen_again.push(SeenAgain { source, bbox_px: record.bbox_px, score: record.score });
                     continue;
                 }
                 let seen =
                     self.detection(&frame, record.bbox_px, record.score, record.colour_rgb, Some(index));
                 boxes.extend(known.map(|_| seen));
-                let carried_over = HeldCar { look: record.pose_from, detection: seen };
+                let carried_car = CarriedCar { source: record.pose_from, detection: seen };
                 // A carried-over box with keypoints is a new measurement.
                 if record.is_carried_over() && record.keypoints.is_none() {
-                    held.push(carried_over);
-                    if let Some(pose) = looks.line(&frame, index).filter(|_| own) {
+                    carried_over.push(carried_car);
+                    if let Some(pose) = poses_so_far.line(&frame, index).filter(|_| own) {
                         sink(&pose)?;
                     }
                     continue;
@@ -124,7 +124,7 @@ impl Pass<'_> {
                         (!(car.used && is_valid)).then_some("keypoints_disagree")
                     }
                 };
-                let known = known_car(index);
+                let known = tracked_car(index);
                 // The net finds a car's keypoints in a truck, too.
                 let is_car = known.is_none_or(|known| known.vehicle.body.class == VehicleClass::Car);
                 let usable = fit.as_ref().filter(|_| reason.is_none() && is_car);
@@ -141,7 +141,7 @@ impl Pass<'_> {
                         cars.push(CarMeasurement { known, fit_rms_share, ..measured });
                     }
                     None => {
-                        held.extend(record.is_carried_over().then_some(carried_over));
+                        carried_over.extend(record.is_carried_over().then_some(carried_car));
                         *tally.rejected.entry(reason.unwrap_or("no_pose").to_owned()).or_insert(0) +=
                             u64::from(own)
                     }
@@ -149,7 +149,7 @@ impl Pass<'_> {
                 let Some(fit) = fit else { continue };
                 if let Some(mut pose) = pose_record(&frame, index, &fit, &view, self.atlas) {
                     pose.used = reason.is_none() && is_car;
-                    looks.store(&pose);
+                    poses_so_far.store(&pose);
                     if own {
                         sink(&pose)?;
                     }
@@ -163,7 +163,15 @@ impl Pass<'_> {
             boxes.extend(
                 weak.map(|weak| self.detection(&frame, weak.bbox_px, weak.score, weak.colour_rgb, None)),
             );
-            tracker.push(&FrameMeasurements { stamp, delay_s, looked, cars, held, seen_again, boxes });
+            tracker.push(&FrameMeasurements {
+                stamp,
+                delay_s,
+                looked,
+                cars,
+                carried_over,
+                seen_again,
+                boxes,
+            });
         }
         let mut tracks = Vec::new();
         let scene = SiteScene { cameras: self.cameras, atlas: self.atlas, mean_car: &self.any_car.mean };
@@ -196,7 +204,7 @@ impl Pass<'_> {
             [false; 4]
         };
         let colour_rgb = colour_rgb.filter(|_| self.config.track.takes(TrackStep::Colours));
-        let held = car.is_some_and(|car| frame.cars[car].held_since.is_some());
+        let carried_over = car.is_some_and(|car| frame.cars[car].held_since.is_some());
         Detection {
             bbox_px,
             score,
@@ -205,7 +213,7 @@ impl Pass<'_> {
             cut: bbox_cut(&bbox_px, &frame.picture_px()),
             hidden,
             car,
-            held,
+            carried_over,
         }
     }
 }
@@ -215,13 +223,13 @@ fn by_keypoints(
     fit: &CarFit,
     seen: Detection,
     any_car: ShapePrior,
-    known: Option<&KnownCar>,
+    known: Option<&TrackedCar>,
 ) -> CarMeasurement {
     let (shape_before, shape) = match known {
         Some(known) => (known.vehicle.shape, known.vehicle.shape),
         None => {
-            let before = ShapeBelief { mean: any_car.mean, information: any_car.information };
-            let after = |information| ShapeBelief { mean: fit.car.shape, information };
+            let before = ShapeEstimate { mean: any_car.mean, information: any_car.information };
+            let after = |information| ShapeEstimate { mean: fit.car.shape, information };
             (before, fit.car.shape_covariance.try_inverse().map_or(before, after))
         }
     };
@@ -231,7 +239,7 @@ fn by_keypoints(
 }
 
 /// Builds the measurement of a vehicle whose box is more informative than its keypoints.
-fn by_box(seen: Detection, view: &FrameCamera, known: Option<&KnownCar>) -> Option<CarMeasurement> {
+fn by_box(seen: Detection, view: &FrameCamera, known: Option<&TrackedCar>) -> Option<CarMeasurement> {
     let knowledge = match known {
         Some(known) => Knowledge::Track {
             body: known.vehicle.body,

@@ -63,7 +63,7 @@ fn sd_of(variance: f64) -> Option<f64> {
 #[derive(Debug, Default)]
 pub struct CarriedPoses {
     /// Poses by the detection that they come from.
-    of_looks: BTreeMap<CarRef, PoseRecord>,
+    by_source: BTreeMap<CarRef, PoseRecord>,
     /// Time when old poses were last removed, s.
     pruned_s: f64,
 }
@@ -72,18 +72,18 @@ impl CarriedPoses {
     /// Stores the pose of a detection. Poses are kept for as long as they may be carried over.
     pub fn store(&mut self, pose: &PoseRecord) {
         if pose.time_s - self.pruned_s > RESET_S {
-            self.of_looks.retain(|_, look| pose.time_s - look.time_s <= RESET_S);
+            self.by_source.retain(|_, earlier| pose.time_s - earlier.time_s <= RESET_S);
             self.pruned_s = pose.time_s;
         }
-        let look = PoseRecord { keypoints_px: vec![None; KEYPOINTS], ..pose.clone() };
-        self.of_looks.insert(CarRef { frame: pose.frame, car: pose.car }, look);
+        let earlier = PoseRecord { keypoints_px: vec![None; KEYPOINTS], ..pose.clone() };
+        self.by_source.insert(CarRef { frame: pose.frame, car: pose.car }, earlier);
     }
 
     /// Returns the line of `poses.jsonl` for a car whose pose is carried over; `None` where its detection gave no pose.
     #[must_use]
     pub fn line(&self, frame: &FrameRecord, car: usize) -> Option<PoseRecord> {
         let record = frame.cars.get(car)?;
-        let look = self.of_looks.get(&record.pose_from?)?;
+        let earlier = self.by_source.get(&record.pose_from?)?;
         Some(PoseRecord {
             frame: frame.frame,
             time_s: frame.time_s,
@@ -91,7 +91,7 @@ impl CarriedPoses {
             bbox_px: record.bbox_px,
             score: record.score,
             pose_from: record.pose_from,
-            ..look.clone()
+            ..earlier.clone()
         })
     }
 }

@@ -39,7 +39,7 @@ impl Scene for Bodies {
 }
 
 /// Returns a measurement from one box: the vehicle is somewhere behind the centre of the lower edge.
-fn sighting(class: VehicleClass, bbox_px: [f64; 4], axis_rad: f64) -> CarMeasurement {
+fn observation(class: VehicleClass, bbox_px: [f64; 4], axis_rad: f64) -> CarMeasurement {
     let (camera, plane) = camera();
     let [x0, _, x1, y1] = bbox_px;
     let foot = plane.world_from_pixel(&camera, &Vector2::new((x0 + x1) / 2.0, y1)).unwrap();
@@ -73,7 +73,8 @@ fn follow(path: &Path, hide: impl Fn(f64, &mut [f64; 4])) -> Vec<Track> {
         let bbox_px = bbox_px.map(|edge| edge + 2.0 * random.normal());
         let stamp = FrameStamp { index: index as u64, pts_nanos: (time_s * 1e9).round() as i64 };
         let axis_rad = 1.1 + 0.5 * random.normal();
-        tracker.push(&FrameMeasurements::seen(stamp, vec![sighting(VehicleClass::Truck, bbox_px, axis_rad)]));
+        tracker
+            .push(&FrameMeasurements::seen(stamp, vec![observation(VehicleClass::Truck, bbox_px, axis_rad)]));
     }
     tracker.finish(&Bodies).tracks
 }
@@ -87,13 +88,13 @@ fn one(tracks: &[Track], path: &Path) -> (Track, f64, Vec<f64>) {
         (state.pose.x_m - there.x_m).hypot(state.pose.y_m - there.y_m)
     };
     let worst = track.states.iter().map(off).fold(0.0, f64::max);
-    let stands = track.states.iter().filter(|state| (5.5..7.5).contains(&state.stamp.time_s()));
-    let speeds = stands.map(|state| state.speed_mps).collect();
+    let resting = track.states.iter().filter(|state| (5.5..7.5).contains(&state.stamp.time_s()));
+    let speeds = resting.map(|state| state.speed_mps).collect();
     (track, worst, speeds)
 }
 
 #[test]
-fn boxes_of_a_whole_way_tell_where_a_lorry_is_and_how_long() {
+fn boxes_of_a_whole_path_show_where_a_lorry_is_and_how_long() {
     let (track, worst, speeds) = one(&follow(&lorry(), |_, _| {}), &lorry());
     let (dims_m, covariance) = (track.dims_m.unwrap(), track.dims_covariance.unwrap());
     println!("{worst:.2} m, {dims_m:?} ± {:.2} m", covariance[(0, 0)].sqrt());
@@ -135,7 +136,7 @@ fn a_bus_with_two_boxes_for_a_moment_is_one_vehicle() {
             20..22 => vec![rear, front],
             _ => vec![front],
         };
-        let cars = boxes.into_iter().map(|bbox_px| sighting(VehicleClass::Bus, bbox_px, 0.0)).collect();
+        let cars = boxes.into_iter().map(|bbox_px| observation(VehicleClass::Bus, bbox_px, 0.0)).collect();
         let stamp = FrameStamp { index: index as u64, pts_nanos: (time_s * 1e9).round() as i64 };
         tracker.push(&FrameMeasurements::seen(stamp, cars));
     }

@@ -28,11 +28,11 @@ fn errors(track: &Track, world: &World, car: usize) -> [f64; 3] {
 /// Returns the path of a left turn of 90°, a circle of the rear axle with straight ends.
 fn turning(speed_mps: f64, radius_m: f64) -> Path {
     Box::new(move |t| {
-        let way = speed_mps * t - 8.0;
-        let bend = (way / radius_m).clamp(0.0, FRAC_PI_2);
-        let beyond = (way - radius_m * FRAC_PI_2).max(0.0);
+        let driven = speed_mps * t - 8.0;
+        let bend = (driven / radius_m).clamp(0.0, FRAC_PI_2);
+        let beyond = (driven - radius_m * FRAC_PI_2).max(0.0);
         let rear =
-            (way.min(0.0) + radius_m * bend.sin() - 4.0, 18.0 + radius_m * (1.0 - bend.cos()) + beyond);
+            (driven.min(0.0) + radius_m * bend.sin() - 4.0, 18.0 + radius_m * (1.0 - bend.cos()) + beyond);
         Some(pose(rear.0 + 1.35 * bend.cos(), rear.1 + 1.35 * bend.sin(), bend))
     })
 }
@@ -74,7 +74,7 @@ fn a_reversing_car_has_a_negative_speed() {
 }
 
 #[test]
-fn a_fast_car_seen_the_wrong_way_round_is_turned() {
+fn a_fast_car_with_its_front_reversed_is_turned() {
     let seeing = Seeing { flipped: 1.0, false_alarms: 0.0, ..Seeing::usual() };
     let world = World::new(vec![straight(pose(-10.0, 28.0, 0.0), 9.0)], seeing, times(2.0, 30.0), 5);
     let seen = world.see();
@@ -89,7 +89,7 @@ fn stop_and_go(start_s: f64) -> Path {
         let t = t - start_s;
         // It accelerates for 6 m and brakes for 6 m.
         let ramp = (2.0 * 6.0 / 1.5f64).sqrt();
-        let way = if t <= 0.0 {
+        let driven = if t <= 0.0 {
             0.0
         } else if t <= ramp {
             0.75 * t * t
@@ -98,7 +98,7 @@ fn stop_and_go(start_s: f64) -> Path {
         } else {
             12.0
         };
-        Some(pose(-6.0 + way, 20.0, 0.0))
+        Some(pose(-6.0 + driven, 20.0, 0.0))
     })
 }
 
@@ -118,10 +118,10 @@ fn starts_and_stops_are_found() {
         let at = |time_s: f64| states.iter().find(|s| s.stamp.time_s() >= time_s).unwrap();
         assert!(at(1.0).speed_mps.abs() < 0.01 && at(12.0).speed_mps.abs() < 0.01);
         assert!((at(5.83).speed_mps - 4.24).abs() < 0.8, "{}", at(5.83).speed_mps);
-        let stands: Vec<&GroundPose> = [0.5, 1.5, 2.0].iter().map(|t| &at(*t).pose).collect();
-        assert!(stands.iter().all(|p| *p == stands[0]), "it stands until it starts");
-        let way = at(13.0).pose.x_m - at(0.5).pose.x_m;
-        assert!((way - 12.0).abs() < 0.5, "{way} m");
+        let rests: Vec<&GroundPose> = [0.5, 1.5, 2.0].iter().map(|t| &at(*t).pose).collect();
+        assert!(rests.iter().all(|p| *p == rests[0]), "it rests until it starts");
+        let driven = at(13.0).pose.x_m - at(0.5).pose.x_m;
+        assert!((driven - 12.0).abs() < 0.5, "{driven} m");
     }
 }
 
@@ -146,7 +146,7 @@ fn a_car_drives_past_a_row() {
 }
 
 #[test]
-fn the_other_way_round_is_the_other_way_round() {
+fn a_reversed_path_has_the_opposite_heading() {
     let world = World::new(
         vec![straight(pose(8.0, 25.0, PI), 8.0)],
         Seeing { false_alarms: 0.0, ..Seeing::usual() },
@@ -164,7 +164,7 @@ fn the_other_way_round_is_the_other_way_round() {
 
 /// A car behind others is detected in few frames. The few detections of one second show no motion.
 #[test]
-fn a_rarely_seen_drive_is_no_stand() {
+fn a_rarely_seen_drive_is_no_stop() {
     for seed in 0..20 {
         let seeing =
             Seeing { across_m: 0.04, along_m: 0.1, heading_sd: 0.03, false_alarms: 0.0, ..Seeing::usual() };
@@ -184,7 +184,7 @@ fn a_rarely_seen_drive_is_no_stand() {
 
 /// Two detections in five inference frames start a track only if a first pass had them on one.
 #[test]
-fn a_drive_known_from_before_begins_with_its_first_sighting() {
+fn a_drive_of_an_earlier_pass_begins_with_its_first_detection() {
     let drive = straight(pose(-9.0, 26.0, 0.0), 6.0);
     let world = World::new(vec![drive], Seeing::perfect(), times(3.0, 10.0), 1);
     let begins = |known: bool| {

@@ -170,8 +170,8 @@ fn nothing_moves_as_no_vehicle_can() {
     for track in track(&seen.frames) {
         for pair in track.states.windows(2) {
             let dt = pair[1].stamp.time_s() - pair[0].stamp.time_s();
-            let way = (pair[1].pose.x_m - pair[0].pose.x_m).hypot(pair[1].pose.y_m - pair[0].pose.y_m);
-            assert!(way <= 25.0 * dt + 0.3, "track {} moves {way} m in {dt} s", track.id);
+            let moved_m = (pair[1].pose.x_m - pair[0].pose.x_m).hypot(pair[1].pose.y_m - pair[0].pose.y_m);
+            assert!(moved_m <= 25.0 * dt + 0.3, "track {} moves {moved_m} m in {dt} s", track.id);
             let (a, b): (&GroundPose, &GroundPose) = (&pair[0].pose, &pair[1].pose);
             let back = (b.x_m - a.x_m) * a.heading_rad.cos() + (b.y_m - a.y_m) * a.heading_rad.sin();
             assert!(back >= -4.0 * dt - 0.2, "track {} goes {back} m backwards in {dt} s", track.id);

@@ -4,10 +4,10 @@
 
 mod boxes;
 mod driving;
-mod honesty;
 mod invariance;
 mod junction;
 mod parked;
 mod tangles;
+mod uncertainty;
 mod weak;
 mod world;

@@ -113,7 +113,7 @@ fn a_car_that_is_hidden_half_by_half_is_one_car() {
 }
 
 #[test]
-fn what_shows_where_a_lorry_stood_is_not_the_lorry() {
+fn a_box_that_appears_where_a_lorry_was_is_not_the_lorry() {
     let mut seen = World::new(vec![parked(2.0, 24.0, 0.4)], Seeing::perfect(), times(12.0, 10.0), 4).see();
     // The lorry leaves at 5 s. A second later a car behind it is found, whose left part a third vehicle hides. It lies
     // within the uncertainty of the lorry's position.

@@ -75,18 +75,18 @@ fn a_car_that_is_seen_again_takes_no_other_box() {
     // front is only detected again.
     let cars = vec![straight(pose(0.0, 40.0, -1.57), 5.0), straight(pose(0.6, 43.5, -1.57), 5.0)];
     let mut seen = World::new(cars, Seeing { missed: 0.0, ..Seeing::perfect() }, times(3.0, 30.0), 5).see();
-    let mut look = None;
+    let mut source = None;
     for (i, (frame, owners)) in seen.frames.iter_mut().zip(&seen.owners).enumerate() {
         let measured = usize::from(i % 3 != 0);
         let index = |owner: usize| owners.iter().position(|o| *o == Some(owner));
-        match (index(0), look) {
+        match (index(0), source) {
             (Some(front), _) if measured == 0 => {
                 let car = frame.cars[front].detection.car.unwrap();
-                look = Some(CarRef { frame: frame.stamp.index, car });
+                source = Some(CarRef { frame: frame.stamp.index, car });
             }
-            (Some(front), Some(look)) => {
+            (Some(front), Some(source)) => {
                 let Detection { bbox_px, score, .. } = frame.cars[front].detection;
-                frame.seen_again.push(SeenAgain { look, bbox_px, score });
+                frame.seen_again.push(SeenAgain { source, bbox_px, score });
             }
             _ => {}
         }
@@ -116,9 +116,9 @@ fn detections_without_keypoints_count_for_a_brief_vehicle() {
         let cars: Vec<Path> = vec![Box::new(move |t| if t < end_s { path(t) } else { None })];
         let mut seen = World::new(cars, Seeing::perfect(), times(3.0, 10.0), 5).see();
         for i in (1..detections).step_by(2) {
-            let look = CarRef { frame: i as u64 - 1, car: 0 };
+            let source = CarRef { frame: i as u64 - 1, car: 0 };
             let Detection { bbox_px, score, .. } = seen.frames[i].cars.remove(0).detection;
-            seen.frames[i].seen_again.push(SeenAgain { look, bbox_px, score });
+            seen.frames[i].seen_again.push(SeenAgain { source, bbox_px, score });
         }
         assert_eq!(track(&seen.frames).len(), tracks, "{detections} detections");
     }
@@ -148,7 +148,7 @@ fn a_hole_in_time_is_bridged() {
 }
 
 #[test]
-fn who_is_found_standing_did_not_drive_there_unseen_from_another_stand() {
+fn a_stationary_car_did_not_drive_there_undetected_from_another_bay() {
     let between = |from_s: f64, to_s: f64, path: Path| -> Path {
         Box::new(move |time_s| path(time_s).filter(|_| (from_s..to_s).contains(&time_s)))
     };

@@ -111,7 +111,7 @@ fn a_chain_goes_on_after_a_gap_if_the_vehicle_hardly_moved() {
 }
 
 #[test]
-fn what_drives_past_is_not_in_a_weak_box_that_stands() {
+fn a_car_that_drives_past_is_not_in_a_stationary_weak_box() {
     let drive = || straight(pose(-14.0, 30.0, 0.0), 6.0);
     let mut frames = unsure(vec![drive()]);
     let passed = box_of(&drive()(1.8).unwrap()).unwrap();
@@ -183,16 +183,16 @@ fn what_drives_and_is_sure_now_and_then_is_a_vehicle() {
 #[test]
 fn a_stationary_car_with_high_scores_needs_no_keypoints() {
     let bbox_px = box_of(&pose(4.0, 22.0, 1.2)).unwrap();
-    let tracks = |score: f64, found: fn(u64) -> bool, held: fn(u64) -> bool| {
+    let tracks = |score: f64, found: fn(u64) -> bool, carried: fn(u64) -> bool| {
         let stamp = |i: u64| FrameStamp { index: i, pts_nanos: i as i64 * 100_000_000 };
         // The boxes jitter, which is no driving.
         let jitter = |i: u64| 3.0 * ((i * 7 % 5) as f64 - 2.0);
         let jittered = |i| bbox_px.map(|px| px + jitter(i));
-        let sighting = |i| Detection { score, held: held(i), ..seen(jittered(i), Some(0)) };
-        let boxes = |i| Vec::from_iter(found(i).then(|| sighting(i)));
+        let observation = |i| Detection { score, carried_over: carried(i), ..seen(jittered(i), Some(0)) };
+        let boxes = |i| Vec::from_iter(found(i).then(|| observation(i)));
         let frame = |i| FrameMeasurements {
             boxes: boxes(i),
-            looked: !held(i),
+            looked: !carried(i),
             ..FrameMeasurements::seen(stamp(i), vec![])
         };
         follow(&(0..60).map(frame).collect::<Vec<_>>(), &OnTheGround)

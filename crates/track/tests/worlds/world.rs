@@ -4,7 +4,7 @@ use nalgebra::{Matrix2, Matrix3, Matrix6, Point3, Vector2, Vector3};
 use roadplane_base::{Camera, FrameStamp, GroundPlane, GroundPose, Shape, VehicleClass};
 use roadplane_synth::Rng;
 use roadplane_track::{
-    CarMeasurement, Detection, FrameMeasurements, ShapeBelief, Track, TrackOptions, Tracker,
+    CarMeasurement, Detection, FrameMeasurements, ShapeEstimate, Track, TrackOptions, Tracker,
 };
 
 /// How well the keypoints of cars usually fit.
@@ -201,7 +201,7 @@ impl World {
                 let seen =
                     Detection { car: Some(cars.len()), ..Detection::uncut(bbox_px, 0.8, VehicleClass::Car) };
                 cars.push(CarMeasurement {
-                    shape: ShapeBelief { mean: Shape::repeat(0.3), information: Matrix6::identity() * 3.0 },
+                    shape: ShapeEstimate { mean: Shape::repeat(0.3), information: Matrix6::identity() * 3.0 },
                     from_box: false,
                     fit_rms_share: Some(GOOD_FIT),
                     ..CarMeasurement::by_box(measured, covariance, seen)

@@ -17,7 +17,7 @@ const UNKNOWN_VARIANCE: f64 = 1e4;
 
 /// The lens distortion as the user gave it.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(crate) enum KnownLens {
+pub(crate) enum GivenLens {
     /// OpenCV's k1 and k2, which are defined only together with a focal length.
     Opencv([f64; 2]),
     /// Distortion at the picture's side, see [`Lens::distortion`] (dimensionless).
@@ -33,7 +33,7 @@ pub(super) struct CameraOfFile {
     /// Focal length without an sd, px.
     pub focal_px: Option<f64>,
     /// Lens distortion, if given.
-    pub lens: Option<KnownLens>,
+    pub lens: Option<GivenLens>,
     /// The camera's four numbers, as far as the file has them.
     pub survey: Option<Survey>,
 }
@@ -100,7 +100,7 @@ fn ours(path: &Path) -> Result<CameraOfFile, WriteError> {
         // A lens that was only assumed to have no distortion is no constraint.
         lens: estimate
             .distortion_sd
-            .map(|_| KnownLens::Bend(estimate.lens.distortion(estimate.image_size_px))),
+            .map(|_| GivenLens::Bend(estimate.lens.distortion(estimate.image_size_px))),
         survey: Some(Survey { mean: estimate.params.to_vector(), information, by_cars }),
     })
 }
@@ -163,7 +163,7 @@ fn numbers(yaml: &Yaml) -> Option<Vec<f64>> {
 }
 
 /// Returns the radial part of OpenCV's coefficients (k1, k2, p1, p2, k3).
-fn lens(coefficients: &[f64]) -> Option<KnownLens> {
+fn lens(coefficients: &[f64]) -> Option<GivenLens> {
     let k1 = *coefficients.first()?;
-    Some(KnownLens::Opencv([k1, coefficients.get(1).copied().unwrap_or(0.0)]))
+    Some(GivenLens::Opencv([k1, coefficients.get(1).copied().unwrap_or(0.0)]))
 }

@@ -37,7 +37,7 @@ fn file(folder: &Path, name: &str, text: &str) -> PathBuf {
 }
 
 #[test]
-fn numbers_become_clues_in_logs_and_radians() {
+fn numbers_become_factors_in_logs_and_radians() {
     let exact = CameraConstraints::new(&ConstraintOptions {
         focal_px: measured("1500"),
         ..ConstraintOptions::default()
@@ -219,7 +219,7 @@ fn our_own_cameras_come_with_their_covariance() {
 }
 
 #[test]
-fn contradictions_are_told_by_what_everything_else_says() {
+fn contradictions_are_found_by_all_other_evidence() {
     let options = ConstraintOptions {
         focal_px: measured("1500±30"),
         height_m: measured("8±0.1"),

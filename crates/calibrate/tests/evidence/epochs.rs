@@ -131,10 +131,10 @@ fn pictures_decide_where_they_speak() {
     let night_of = |e: &CameraEvidence| e.clip.sha256.parse::<u32>().unwrap();
     // The camera was turned after the third night and back after the fifth. The numbers alone would not show it.
     let view = |e: &CameraEvidence| (4..=5).contains(&night_of(e));
-    let look = |a: &CameraEvidence, b: &CameraEvidence| {
+    let compare = |a: &CameraEvidence, b: &CameraEvidence| {
         if view(a) == view(b) { SameView::Same } else { SameView::Moved }
     };
-    let known = epochs(&clips, &look, &options());
+    let known = epochs(&clips, &compare, &options());
     let nights: Vec<Vec<u32>> =
         known.iter().map(|epoch| epoch.clips.iter().map(|e| night_of(e)).collect()).collect();
     assert_eq!(nights, [vec![1, 2, 3, 6], vec![4, 5]]);
@@ -157,7 +157,7 @@ fn a_clip_that_says_nothing_contradicts_nothing() {
 }
 
 #[test]
-fn vehicles_are_told_apart_by_place_and_shape() {
+fn vehicles_are_distinguished_by_place_and_shape() {
     let mut random = Rng::new(5);
     let at = Vector2::new(400.0, 300.0);
     for seed in 0..50 {

@@ -29,9 +29,9 @@ pub struct View {
 
 /// Observations of a car whose box stayed near its first one. Even thinning bounds the memory.
 #[derive(Clone, Debug)]
-pub(crate) struct Stretch {
+pub(crate) struct OpenView {
     /// The observations that are kept, in the order of time.
-    looks: Vec<View>,
+    observations: Vec<View>,
     /// Only every `stride`-th observation is kept.
     stride: u64,
     /// Number of all observations, kept or not.
@@ -39,12 +39,12 @@ pub(crate) struct Stretch {
 }
 
 /// Largest number of observations that are kept.
-const MAX_LOOKS: usize = 64;
+const MAX_OBSERVATIONS: usize = 64;
 
-impl Stretch {
+impl OpenView {
     /// Starts with one observation.
-    pub(crate) fn new(look: View) -> Self {
-        Self { looks: vec![look], stride: 1, seen: 1 }
+    pub(crate) fn new(observation: View) -> Self {
+        Self { observations: vec![observation], stride: 1, seen: 1 }
     }
 
     /// Returns whether this box needs a view of its own.
@@ -52,7 +52,7 @@ impl Stretch {
     /// It does if it is half a box away from the first box, or if its shape or size has changed. Such a change happens
     /// when the car turns by about 10° or comes nearer.
     pub(crate) fn is_left_by(&self, car: &CarRecord) -> bool {
-        let Some(first) = self.looks.first() else { return true };
+        let Some(first) = self.observations.first() else { return true };
         let sides = |[x0, y0, x1, y1]: &[f64; 4]| ((x1 - x0).max(1e-3), (y1 - y0).max(1e-3));
         let (w0, h0) = sides(&first.bbox_px);
         let (w1, h1) = sides(&car.bbox_px);
@@ -63,18 +63,18 @@ impl Stretch {
     }
 
     /// Adds an observation. When the memory is full, every second observation is dropped.
-    pub(crate) fn push(&mut self, look: View) {
+    pub(crate) fn push(&mut self, observation: View) {
         if self.seen.is_multiple_of(self.stride) {
-            if self.looks.len() == MAX_LOOKS {
+            if self.observations.len() == MAX_OBSERVATIONS {
                 let mut keep = false;
-                self.looks.retain(|_| {
+                self.observations.retain(|_| {
                     keep = !keep;
                     keep
                 });
                 self.stride *= 2;
             }
             if self.seen.is_multiple_of(self.stride) {
-                self.looks.push(look);
+                self.observations.push(observation);
             }
         }
         self.seen += 1;
@@ -83,17 +83,19 @@ impl Stretch {
     /// Returns the best observation. If most observations are stationary, the keypoints are combined over these.
     pub(crate) fn view(&self) -> Option<View> {
         let axis = |axis: usize| {
-            median(&mut self.looks.iter().map(|l| bbox_centre(&l.bbox_px)[axis]).collect::<Vec<_>>())
+            median(&mut self.observations.iter().map(|l| bbox_centre(&l.bbox_px)[axis]).collect::<Vec<_>>())
         };
         let middle = nalgebra::Vector2::new(axis(0)?, axis(1)?);
-        let away = |look: &View| (bbox_centre(&look.bbox_px) - middle).norm();
-        let bound = CENTRE_SD * bbox_longer_side(&self.looks.first()?.bbox_px) + 1.0;
-        let still: Vec<&View> = self.looks.iter().filter(|look| away(look) <= bound).collect();
+        let away = |observation: &View| (bbox_centre(&observation.bbox_px) - middle).norm();
+        let bound = CENTRE_SD * bbox_longer_side(&self.observations.first()?.bbox_px) + 1.0;
+        let still: Vec<&View> =
+            self.observations.iter().filter(|observation| away(observation) <= bound).collect();
         let by_quality = |a: &&View, b: &&View| a.quality.total_cmp(&b.quality).then(b.frame.cmp(&a.frame));
-        if still.len() < 3 || 2 * still.len() < self.looks.len() {
-            return self.looks.iter().max_by(by_quality).cloned();
+        if still.len() < 3 || 2 * still.len() < self.observations.len() {
+            return self.observations.iter().max_by(by_quality).cloned();
         }
-        let sets: Vec<&KeypointSet> = still.iter().map(|look| look.keypoints.as_ref()).collect();
+        let sets: Vec<&KeypointSet> =
+            still.iter().map(|observation| observation.keypoints.as_ref()).collect();
         let best = still.into_iter().max_by(by_quality)?.clone();
         Some(View { keypoints: combine(&sets), parked: true, ..best })
     }

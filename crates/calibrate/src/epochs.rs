@@ -71,12 +71,12 @@ pub fn same_vehicle(a: &ParkedCar, b: &ParkedCar) -> bool {
 
 /// Returns the epochs of a camera, in the order of their first clips.
 ///
-/// If a clip has several pieces of evidence, the last one counts. The function `look` compares the pictures of two
+/// If a clip has several pieces of evidence, the last one counts. The function `compare` compares the pictures of two
 /// clips.
 #[must_use]
 pub fn epochs<'a>(
     evidence: &'a [CameraEvidence],
-    look: &dyn Fn(&CameraEvidence, &CameraEvidence) -> SameView,
+    compare: &dyn Fn(&CameraEvidence, &CameraEvidence) -> SameView,
     options: &FuseOptions,
 ) -> Vec<Epoch<'a>> {
     let mut clips: Vec<&CameraEvidence> = evidence.iter().collect();
@@ -86,7 +86,7 @@ pub fn epochs<'a>(
     let mut epochs: Vec<Epoch<'a>> = Vec::new();
     let mut next_link: LinkId = 0;
     for clip in counted {
-        let at = joins(clip, &epochs, look, options).unwrap_or_else(|| {
+        let at = joins(clip, &epochs, compare, options).unwrap_or_else(|| {
             epochs.push(Epoch { clips: Vec::new(), windows: Vec::new(), vehicles: Vec::new() });
             epochs.len() - 1
         });
@@ -103,7 +103,7 @@ pub fn epochs<'a>(
 pub fn joins(
     clip: &CameraEvidence,
     epochs: &[Epoch<'_>],
-    look: &dyn Fn(&CameraEvidence, &CameraEvidence) -> SameView,
+    compare: &dyn Fn(&CameraEvidence, &CameraEvidence) -> SameView,
     options: &FuseOptions,
 ) -> Option<usize> {
     let mut unseen = Vec::new();
@@ -113,7 +113,7 @@ pub fn joins(
         }
         let mut moved = false;
         for other in epoch.clips.iter().rev().take(PICTURES) {
-            match look(clip, other) {
+            match compare(clip, other) {
                 SameView::Same => return Some(index),
                 SameView::Moved => moved = true,
                 SameView::Unknown => {}

@@ -6,7 +6,7 @@ use roadplane_base::{CameraEvidence, EVIDENCE_SCHEMA, Lens, ParkedCar, PictureMo
 use roadplane_calibrate::{CarIdentity, Epoch, FuseOptions, WindowEstimate, condense, joins, same_vehicle};
 
 use crate::cameras::empty_scene_view::{moved, turned};
-use crate::cameras::memory::{CameraHistory, look};
+use crate::cameras::memory::{CameraHistory, compare_views};
 
 /// Returns the evidence of the camera's last position, and the identities of its parked vehicles.
 ///
@@ -25,10 +25,10 @@ pub(crate) fn evidence_of(
     let together = condense(&last, options)
         .unwrap_or_else(|| WindowEstimate::without_cars(options, clip_span_s, position));
     let together = turned(together, scene_from_world)?;
-    let stood = together.cars.iter().filter(|used| used.parked);
+    let stationary = together.cars.iter().filter(|used| used.parked);
     let in_scene = |car: &ParkedCar| moved(car.clone(), scene_from_world);
-    let (cars, stood): (Vec<CarIdentity>, Vec<ParkedCar>) =
-        stood.filter_map(|used| Some((used.car, in_scene(parked.get(&used.car)?)))).unzip();
+    let (cars, stationary): (Vec<CarIdentity>, Vec<ParkedCar>) =
+        stationary.filter_map(|used| Some((used.car, in_scene(parked.get(&used.car)?)))).unzip();
     let said = CameraEvidence {
         schema: EVIDENCE_SCHEMA.to_owned(),
         camera: recall.camera.clone(),
@@ -43,8 +43,8 @@ pub(crate) fn evidence_of(
         lens: options
             .bend_sd
             .map(|sd| (options.lens, Lens::with_distortion(sd, options.image_size_px).per_px2)),
-        moving: together.cars.len() - stood.len(),
-        parked: stood,
+        moving: together.cars.len() - stationary.len(),
+        parked: stationary,
         place: recall.place.clone(),
     };
     Some((said, cars))
@@ -58,7 +58,7 @@ pub(crate) fn own_epoch<'a, 'b>(
     options: &FuseOptions,
 ) -> Option<&'b Epoch<'a>> {
     let camera = &recall.camera;
-    let epoch = joins(said, epochs, &look, options).map(|index| &epochs[index]);
+    let epoch = joins(said, epochs, &compare_views, options).map(|index| &epochs[index]);
     match epoch {
         Some(epoch) => {
             tracing::info!("camera {camera}: the camera database has {} clips of it", epoch.clips.len())
@@ -75,7 +75,7 @@ pub(crate) fn own_epoch<'a, 'b>(
 /// its world picture to this clip's picture of the empty scene.
 ///
 /// Vehicles that are parked as in an earlier clip get the identity of the stored vehicle.
-pub(crate) fn add_remembered(
+pub(crate) fn add_stored(
     windows: &mut Vec<WindowEstimate>,
     position: usize,
     epoch: &Epoch<'_>,
@@ -97,7 +97,7 @@ pub(crate) fn add_remembered(
     }
     let world_from_scene = scene_from_world.inverse();
     let in_world = epoch.windows.iter().filter_map(|window| turned(window.clone(), &world_from_scene));
-    let remembered =
+    let stored =
         in_world.map(|window| WindowEstimate { span_s: [from_s; 2], frames: 0, segment: position, ..window });
-    windows.splice(at..at, remembered.collect::<Vec<_>>());
+    windows.splice(at..at, stored.collect::<Vec<_>>());
 }
