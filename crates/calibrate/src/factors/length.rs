@@ -1,6 +1,6 @@
 //! A known distance between two pixels on the ground.
 
-use nalgebra::{DMatrix, DVector, Vector2, Vector3, Vector4};
+use nalgebra::{DMatrix, DVector, Vector2, Vector4};
 use roadplane_base::{Camera, CameraParams};
 
 use super::residual::Component;
@@ -8,7 +8,7 @@ use super::residual::Component;
 /// A known distance between two pixels on the ground.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Length {
-    /// Both ends, px.
+    /// Both ends, undistorted and relative to the principal point, px.
     pub ends_px: [Vector2<f64>; 2],
     /// Sd of each coordinate of the ends, px.
     pub end_sd_px: f64,
@@ -26,12 +26,14 @@ impl Length {
     #[must_use]
     pub fn measured(&self, camera: &Vector4<f64>) -> Option<(f64, f64)> {
         let params = CameraParams::from_vector(camera);
-        let [a, b] = [ground(&params, &self.ends_px[0])?, ground(&params, &self.ends_px[1])?];
+        let (pinhole, plane) = (Camera::pinhole(params.focal_px(), Vector2::zeros()), params.plane());
+        let ground = |pixel: &Vector2<f64>| plane.world_from_pixel(&pinhole, pixel);
+        let [a, b] = [ground(&self.ends_px[0])?, ground(&self.ends_px[1])?];
         let length = (a - b).norm();
         let mut variance = self.log_sd * self.log_sd;
         for (end, (other, here)) in self.ends_px.iter().zip([(b, a), (a, b)]) {
             for axis in [Vector2::x(), Vector2::y()] {
-                let moved = ground(&params, &(end + axis))?;
+                let moved = ground(&(end + axis))?;
                 let change = (moved - here).dot(&(here - other)) / (length * length);
                 variance += (change * self.end_sd_px).powi(2);
             }
@@ -46,15 +48,4 @@ impl Length {
         let component = Component { share: 1.0, information: DMatrix::from_element(1, 1, log_sd.powi(-2)) };
         value[0].is_finite().then(|| (value, vec![component]))
     }
-}
-
-/// Returns the point at which the viewing ray of a pixel meets the ground, in the camera frame, m.
-///
-/// The pixel is undistorted and relative to the principal point. Returns `None` if it lies at or above the horizon.
-fn ground(params: &CameraParams, pixel: &Vector2<f64>) -> Option<Vector3<f64>> {
-    let plane = params.plane();
-    let camera = Camera::pinhole(params.focal_px(), Vector2::zeros());
-    let ray = camera.ray_from_pixel(pixel);
-    let falling = -plane.normal_in_camera.dot(&ray);
-    (falling > 1e-6).then(|| ray * (plane.height_m / falling))
 }
