@@ -113,6 +113,7 @@ fn fill(strong: &mut RawTrack, weak: RawTrack) {
     strong.links.extend(weak.links.iter().filter(is_outside));
     strong.links.sort_by_key(|link| link.frame);
     strong.seen_again += weak.seen_again;
+    strong.is_boxed &= weak.is_boxed;
     for observation in weak.observations {
         if let Err(place) = strong.observations.binary_search_by_key(&observation.frame, |o| o.frame)
             && (before_or_after(&observation)

@@ -228,6 +228,7 @@ impl Observation {
     pub(crate) fn by_box(seen: &Detection, placed: &GroundContact, frame: usize, time_s: f64) -> Self {
         let GroundContact { pose, covariance, .. } = *placed;
         let pose = Vector3::new(pose.x_m, pose.y_m, pose.heading_rad);
+        // The box gives its own pose, so nothing of the pose is carried over.
         let detection = Detection { carried_over: false, ..*seen };
         Self { frame, time_s, pose, covariance, detection, from_box: true, fit_rms_share: None }
     }

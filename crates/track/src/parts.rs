@@ -6,7 +6,7 @@ use roadplane_base::bbox_iou;
 
 use crate::{frames::Frames, raw_track::RawTrack};
 
-/// Least share of a track's boxes that touch another track's boxes if it is a part of that vehicle.
+/// Least share of a track's boxes in inference frames that touch another track's boxes if it is a part of that vehicle.
 const PART: f64 = 0.8;
 
 /// Returns, for each track, whether it is a part of another track's vehicle.
@@ -14,13 +14,15 @@ pub(crate) fn parts(tracks: &[&RawTrack], frames: &Frames) -> Vec<bool> {
     let others = boxes_of(tracks, frames);
     let is_part = |track: &&RawTrack| {
         let mut touched: BTreeMap<usize, usize> = BTreeMap::new();
-        for seen in &track.observations {
+        let inferred = track.observations.iter().filter(|seen| frames.looked[seen.frame]);
+        let count = inferred.clone().count();
+        for seen in inferred {
             for (other, other_px) in others.get(&seen.frame).into_iter().flatten() {
                 *touched.entry(*other).or_default() +=
                     usize::from(bbox_iou(&seen.detection.bbox_px, other_px) > 0.0);
             }
         }
-        touched.values().any(|touches| *touches as f64 >= PART * track.observations.len() as f64)
+        touched.values().any(|touches| *touches as f64 >= PART * count as f64)
     };
     tracks.iter().map(|track| track.is_boxed && is_part(track)).collect()
 }

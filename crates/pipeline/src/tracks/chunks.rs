@@ -135,12 +135,7 @@ impl Numbers {
         let mut numbered = Vec::new();
         for (track, known) in tracks.into_iter().zip(known) {
             numbered.push(match known {
-                Some(before) => Track {
-                    dims_covariance: track.dims_covariance,
-                    states: track.states,
-                    joins: track.joins,
-                    ..before
-                },
+                Some(before) => Track { states: track.states, joins: track.joins, ..before },
                 None => {
                     self.last += 1;
                     Track { id: self.last, ..track }

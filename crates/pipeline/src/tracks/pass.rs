@@ -163,6 +163,7 @@ impl Pass<'_> {
             boxes.extend(
                 weak.map(|weak| self.detection(&frame, weak.bbox_px, weak.score, weak.colour_rgb, None)),
             );
+            let rejected = tracker.rejected;
             tracker.push(&FrameMeasurements {
                 stamp,
                 delay_s,
@@ -172,13 +173,14 @@ impl Pass<'_> {
                 seen_again,
                 boxes,
             });
+            if own && tracker.rejected > rejected {
+                *tally.rejected.entry("pose_not_finite".to_owned()).or_insert(0) +=
+                    (tracker.rejected - rejected) as u64;
+            }
         }
         let mut tracks = Vec::new();
         let scene = SiteScene { cameras: self.cameras, atlas: self.atlas, mean_car: &self.any_car.mean };
         for tracker in at_position.into_values() {
-            if tracker.rejected > 0 {
-                *tally.rejected.entry("pose_not_finite".to_owned()).or_insert(0) += tracker.rejected as u64;
-            }
             let Tracks { tracks: found, left_out } = tracker.finish(&scene);
             tracks.extend(found);
             let own = left_out.iter().filter(|stamp| chunk.holds(stamp.time_s()));
