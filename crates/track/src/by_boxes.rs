@@ -5,7 +5,7 @@
 //!
 //! Therefore both are one least-squares problem. Its unknowns are the states of the path (`vehicle.rs`), length, width
 //! and height, and the offsets of the outline that all boxes share. The edges of each box are those of the projected
-//! body, with scatter or hidden (`edge.rs`). Sizes have the prior of the vehicle's class. The shared unknowns border
+//! body, with scatter, or they are hidden (`measure/src/edge.rs`). Sizes have the prior of the vehicle's class. The shared unknowns border
 //! the chain of states (Schur complement).
 
 use nalgebra::{Matrix5, SMatrix, SVector, Vector3, Vector4, Vector5};
@@ -33,14 +33,14 @@ type Border = SMatrix<f64, 5, SHARED>;
 /// before they mislead (graduated non-convexity: Blake and Zisserman 1987).
 const EASED: [f64; 3] = [8.0, 3.0, 1.0];
 
-/// The observation of one node: its box, combined from one or more detections.
+/// The boxes of one node, combined to one box.
 pub(crate) struct BoxEvidence {
     stamp: FrameStamp,
     /// Left, top, right and bottom edge of the box.
     edges: [Edge; 4],
     /// Shorter side of the box, px.
     side_px: f64,
-    /// Number of detections that the observation combines.
+    /// Number of detections that are combined.
     count: f64,
 }
 
@@ -56,13 +56,13 @@ impl BoxEvidence {
             let of = |own: bool| {
                 measured.iter().filter(move |o| !own || !o.goes_on()[i]).map(|o| o.bbox_px[i]).collect()
             };
-            let mut own: Vec<f64> = of(true);
-            let is_own = !own.is_empty();
+            let mut edges_px: Vec<f64> = of(true);
+            let is_own = !edges_px.is_empty();
             if !is_own {
-                own = of(false);
+                edges_px = of(false);
             }
-            let median_px = upper_median(&mut own, f64::total_cmp).unwrap_or(first.detection.bbox_px[i]);
-            (median_px, own.len() as f64, is_own)
+            let median_px = upper_median(&mut edges_px, f64::total_cmp).unwrap_or(first.detection.bbox_px[i]);
+            (median_px, edges_px.len() as f64, is_own)
         };
         let edges: [_; 4] = std::array::from_fn(edge);
         let width_px = edges[2].0 - edges[0].0;
@@ -87,7 +87,7 @@ impl BoxEvidence {
 pub(crate) struct ByBoxes<'a, S> {
     /// Motion model of the path, with the poses that were measured there.
     pub vehicle: Vehicle<'a>,
-    /// Observation of each node, where boxes place it.
+    /// Evidence at each node, where boxes place it.
     pub evidence: &'a [Option<BoxEvidence>],
     /// Prior of the body.
     pub body: &'a Body,
@@ -108,8 +108,8 @@ struct Bordered {
 }
 
 impl<S: Scene> ByBoxes<'_, S> {
-    /// Solves the problem, starting from the states of a path. Returns the states, the covariance of each, all other
-    /// unknowns being uncertain, and the body. `None` where boxes and path contradict each other.
+    /// Solves the problem, starting from the states of a path. Returns the states, their
+    /// covariances (all other unknowns are uncertain), and the body. `None` where boxes and path contradict each other.
     pub(crate) fn solve(&self, mut states: Vec<State>) -> Option<(Vec<State>, Vec<Matrix5<f64>>, Body)> {
         let mut shared = Shared::zeros();
         shared.fixed_rows_mut::<3>(0).copy_from(&self.start_m);
@@ -140,16 +140,16 @@ impl<S: Scene> ByBoxes<'_, S> {
         Some((states, covariances, body))
     }
 
-    /// Whether most observations show the whole body, apart from parts behind another vehicle.
+    /// Whether most detections show the whole body, apart from parts behind another vehicle.
     fn is_seen(&self, states: &[State], shared: &Shared) -> Option<bool> {
         let (mut seen, mut all) = (0.0, 0.0);
-        for (state, boxes) in states.iter().zip(self.evidence) {
-            let Some(boxes) = boxes else { continue };
+        for (state, evidence) in states.iter().zip(self.evidence) {
+            let Some(evidence) = evidence else { continue };
             let pose = origin(state, self.vehicle.half_wheelbase_m).0;
-            let inside = self.inside(boxes, &pose, shared, 1.0)?;
+            let inside = self.inside(evidence, &pose, shared, 1.0)?;
             let is_own = |(edge, by): (&Edge, &f64)| edge.is_own(*by) || edge.is_hidden();
-            all += boxes.count;
-            seen += if boxes.edges.iter().zip(&inside).all(is_own) { boxes.count } else { 0.0 };
+            all += evidence.count;
+            seen += if evidence.edges.iter().zip(&inside).all(is_own) { evidence.count } else { 0.0 };
         }
         Some(2.0 * seen >= all)
     }
@@ -169,12 +169,12 @@ impl<S: Scene> ByBoxes<'_, S> {
         let (about, precision) = self.prior()?;
         let off = shared - about;
         let mut total = self.vehicle.cost(states) + 0.5 * off.dot(&(precision * off));
-        for (state, boxes) in states.iter().zip(self.evidence) {
-            let Some(boxes) = boxes else { continue };
+        for (state, evidence) in states.iter().zip(self.evidence) {
+            let Some(evidence) = evidence else { continue };
             let pose = origin(state, self.vehicle.half_wheelbase_m).0;
-            let inside = self.inside(boxes, &pose, shared, ease)?;
+            let inside = self.inside(evidence, &pose, shared, ease)?;
             total +=
-                boxes.edges.iter().zip(&inside).map(|(edge, by)| edge.cost_and_weight(*by).0).sum::<f64>();
+                evidence.edges.iter().zip(&inside).map(|(edge, by)| edge.cost_and_weight(*by).0).sum::<f64>();
         }
         total.is_finite().then_some(total)
     }
@@ -183,17 +183,17 @@ impl<S: Scene> ByBoxes<'_, S> {
     /// is the edge's sd times `ease`.
     fn inside(
         &self,
-        boxes: &BoxEvidence,
+        evidence: &BoxEvidence,
         pose: &Vector3<f64>,
         shared: &Shared,
         ease: f64,
     ) -> Option<Vector4<f64>> {
         let pose = GroundPose { x_m: pose.x, y_m: pose.y, heading_rad: pose.z };
         let dims_m = shared.fixed_rows::<3>(0).into_owned();
-        let body = self.scene.body_px(&boxes.stamp, &pose, self.body.class, &dims_m)?;
+        let body = self.scene.body_px(&evidence.stamp, &pose, self.body.class, &dims_m)?;
         Some(Vector4::from_fn(|i, _| {
-            let edge_px = body[i] + OUTWARD[i] * shared[3 + i] * boxes.side_px;
-            OUTWARD[i] * (edge_px - boxes.edges[i].seen_px) / (ease * boxes.edges[i].sd_px)
+            let edge_px = body[i] + OUTWARD[i] * shared[3 + i] * evidence.side_px;
+            OUTWARD[i] * (edge_px - evidence.edges[i].seen_px) / (ease * evidence.edges[i].sd_px)
         }))
     }
 
@@ -206,12 +206,12 @@ impl<S: Scene> ByBoxes<'_, S> {
             shared: precision,
             gradient: precision * (shared - about),
         };
-        for (i, (state, boxes)) in states.iter().zip(self.evidence).enumerate() {
-            let Some(boxes) = boxes else { continue };
+        for (i, (state, evidence)) in states.iter().zip(self.evidence).enumerate() {
+            let Some(evidence) = evidence else { continue };
             let (pose, by_state) = origin(state, self.vehicle.half_wheelbase_m);
-            let inside = |pose: &_, shared: &_| self.inside(boxes, pose, shared, ease);
+            let inside = |pose: &_, shared: &_| self.inside(evidence, pose, shared, ease);
             let here = inside(&pose, shared)?;
-            let weights = Vector4::from_fn(|i, _| boxes.edges[i].cost_and_weight(here[i]).1);
+            let weights = Vector4::from_fn(|i, _| evidence.edges[i].cost_and_weight(here[i]).1);
             let (mut by_pose, mut by_shared) =
                 (SMatrix::<f64, 4, 3>::zeros(), SMatrix::<f64, 4, SHARED>::zeros());
             for p in 0..3 {
@@ -224,8 +224,8 @@ impl<S: Scene> ByBoxes<'_, S> {
                 moved[p] += STEP;
                 by_shared.set_column(p, &((inside(&pose, &moved)? - here) / STEP));
             }
-            for (p, edge) in boxes.edges.iter().enumerate() {
-                by_shared[(p, 3 + p)] = boxes.side_px / (ease * edge.sd_px);
+            for (p, edge) in evidence.edges.iter().enumerate() {
+                by_shared[(p, 3 + p)] = evidence.side_px / (ease * edge.sd_px);
             }
             let by_state: SMatrix<f64, 4, 5> = by_pose * by_state;
             let weighted = by_state.transpose() * SMatrix::from_diagonal(&weights);

@@ -47,7 +47,6 @@ pub(crate) fn complete(
     let is_part = parts(&kept.iter().map(|(raw, ..)| raw).collect::<Vec<&RawTrack>>(), frames);
     let kept = kept.into_iter().zip(is_part).filter_map(|(one, is_part)| (!is_part).then_some(one));
     let mut tracks: Vec<Track> = kept.map(|one| completion.finished(one)).collect();
-    tracks.retain(|track| !track.states.is_empty());
     let key = |track: &Track| track.states.first().map(|s| (s.stamp.index, s.pose.x_m, s.pose.y_m));
     tracks.sort_by(|a, b| match (key(a), key(b)) {
         (Some(a), Some(b)) => a.0.cmp(&b.0).then(a.1.total_cmp(&b.1)).then(a.2.total_cmp(&b.2)),

@@ -8,8 +8,8 @@
 //!     + terms of class, size and colour
 //! ```
 //!
-//! An undetected vehicle has three modes, which have the same probability in advance: it was stationary, it drove on, or
-//! it crept on in a queue. In each, τ is the mean time for which it stays undetected. Vehicles appear anywhere with the
+//! An undetected vehicle was stationary, drove on, or crept on in a queue. These three modes have the same probability
+//! in advance. In each, τ is the mean time for which it stays undetected. Vehicles appear anywhere with the
 //! density λ. Where the later tracklet begins, others that drive appear at the rate r. So in flowing traffic, a vehicle
 //! is not the stationary one that was there before.
 
@@ -143,11 +143,11 @@ pub(crate) fn gain(end: &End, start: &End, gap_s: f64, arrivals: f64) -> f64 {
     let places = end.place_covariance() + start.place_covariance();
     // Each mode has its mean time of staying undetected. In this time, the other vehicles appear.
     let mode = |mean_s: f64, density: f64| (-gap_s / mean_s).exp() * density / (APPEARS + arrivals * mean_s);
-    let rested = places + Matrix2::identity() * STILL_M.powi(2);
-    let rested_on = mode(STATIONARY_S, end.stationary_p * density(&moved, &rested) * start.rest_density);
+    let rest_spread = places + Matrix2::identity() * STILL_M.powi(2);
+    let rested = mode(STATIONARY_S, end.stationary_p * density(&moved, &rest_spread) * start.rest_density);
     let drove = mode(DRIVES_S, drive_density(end, start, gap_s));
     let crept = mode(STATIONARY_S, creep_density(end, start, &moved, &places, gap_s));
-    let same = (rested_on + drove + crept) / 3.0;
+    let same = (rested + drove + crept) / 3.0;
     let new = mixed(start.rest_density, start.drive_density);
     let sizes = -0.5 * ((start.log_size - end.log_size) / SIZE_SD).powi(2);
     let colours = end.colour.zip(start.colour).map_or(0.0, |(before, after)| before.same_vehicle(after));
@@ -173,12 +173,12 @@ fn creep_density(end: &End, start: &End, moved: &Vector2<f64>, places: &Matrix2<
     // The axis may point backwards. The motion before and after shows the true direction.
     let sign = (end.velocity() + start.velocity()).dot(&ahead);
     let along = moved.dot(&ahead) * if sign < 0.0 { -1.0 } else { 1.0 };
-    let sd = |direction: &Vector2<f64>| direction.dot(&(places * direction)).max(0.0);
+    let variance_along = |direction: &Vector2<f64>| direction.dot(&(places * direction)).max(0.0);
     let reach = CREEP_MPS * gap_s;
     let beyond = if along < 0.0 { along } else { (along - reach).max(0.0) };
-    let outside = (-0.5 * beyond * beyond / (sd(&ahead) + STILL_M.powi(2))).exp();
+    let outside = (-0.5 * beyond * beyond / (variance_along(&ahead) + STILL_M.powi(2))).exp();
     let off = moved.dot(&aside);
-    let variance = sd(&aside) + STILL_M.powi(2);
+    let variance = variance_along(&aside) + STILL_M.powi(2);
     let on_line = (-0.5 * off * off / variance).exp() / (2.0 * PI * variance).sqrt();
     let speeds = start.covariance.fixed_view::<2, 2>(2, 2) + Matrix2::identity() * (CREEP_MPS / 2.0).powi(2);
     let after = density(&start.velocity(), &speeds);

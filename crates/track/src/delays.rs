@@ -1,8 +1,8 @@
 //! The delays of pictures that the steps of moving vehicles show.
 //!
-//! Within a second, the path of a box's centre is nearly a parabola in time. A box that is ahead of the parabola of
-//! its neighbours in time is in a picture that was taken later, or its box has an error. Errors of boxes differ from
-//! vehicle to vehicle, but a delay is common to all of them. So the covariance of two vehicles in the same picture
+//! Within a second, the path of a box's centre is nearly a parabola in time. If a box is
+//! ahead of the parabola through its neighbours in time, its picture was taken later, or the box has an error. Errors of
+//! boxes differ from vehicle to vehicle, but a delay is common to all of them. So the covariance of two vehicles in the same picture
 //! shows the variance of the delays.
 
 use nalgebra::{Matrix3, Vector2, Vector3};
@@ -32,9 +32,9 @@ struct Lead {
     sd_per_share_s: f64,
     /// Time to the next picture, about, s.
     interval_s: f64,
-    /// Variance of the path's place, in variances of a box.
+    /// Variance of the path's position, in variances of a box.
     path_variance: f64,
-    /// Frames of the neighbours, with their shares in the path's place.
+    /// Frames of the neighbours, with their shares in the path's position.
     path: Vec<(usize, f64)>,
 }
 
@@ -184,7 +184,7 @@ fn of_frames(leads: &[Lead]) -> impl Iterator<Item = &[Lead]> {
     leads.chunk_by(|a, b| a.frame == b.frame)
 }
 
-/// Returns the sizes of the errors of a frame's boxes, relative to each other, as shares of their sizes.
+/// Returns the absolute errors of a frame's boxes, relative to each other, as shares of the boxes' sizes.
 fn errors_of(leads: &[Lead]) -> Vec<f64> {
     let weight = |lead: &Lead| lead.sd_per_share_s.powi(-2);
     let weights = leads.iter().map(weight).sum::<f64>();

@@ -164,11 +164,12 @@ mod tests {
 
     #[test]
     fn a_car_in_the_place_of_a_track_that_is_not_detected_is_the_same() {
-        let gap = || parked(0.0, (0..30).chain(70..100));
+        let gap = || RawTrack { is_boxed: true, ..parked(0.0, (0..30).chain(70..100)) };
         let merged = |x_m: f64| merge_smoothed(vec![gap(), parked(x_m, 40..60)], stationary);
         let one = merged(0.5);
         assert_eq!(one.len(), 1);
         assert_eq!(one[0].0.observations.len(), 80);
+        assert!(!one[0].0.is_boxed, "its detections are not all boxes");
         assert!(one[0].0.observations.is_sorted_by_key(|seen| seen.frame));
         assert_eq!(merged(4.0).len(), 2);
     }

@@ -38,13 +38,13 @@ pub struct Evidence {
     pub log_rms: f64,
     /// Height above that of the site's mean car, m.
     pub above_car_m: f64,
-    /// Probability that a motorcycle rides and is no walking people, 0–1; 1 for other classes.
+    /// Probability that a motorcycle is a vehicle and not a walking person, 0–1; 1 for other classes.
     pub rides_p: f64,
 }
 
 impl Evidence {
-    /// Collects the evidence of a track. `states` are its smoothed states, one per frame from the first detection on, or
-    /// empty; `above_car_m` is its height above that of the site's mean car. `None` without a detection.
+    /// Collects the evidence of a track. `states` are its smoothed states, one per frame from the first detection on;
+    /// they may be empty. `above_car_m` is its height above that of the site's mean car. `None` without a detection.
     pub(crate) fn of(
         observations: &[Observation],
         states: &[TrackState],
@@ -100,8 +100,8 @@ impl Evidence {
     }
 }
 
-/// Returns the probability that an object with this highest speed and its sd (m/s) is a vehicle, and no walking people.
-/// In advance, both are as probable.
+/// Returns the probability that an object with this highest speed and its sd (m/s) is a vehicle and not a walking
+/// person. In advance, both are equally probable.
 fn rides_p(speed_mps: f64, sd_mps: f64) -> f64 {
     // The density of a vehicle's speed, if both components of its velocity have this sd (Rayleigh distribution).
     let vehicle = |sd: f64| {

@@ -18,11 +18,11 @@ pub(crate) type BoxesByFrame = BTreeMap<usize, Vec<Detection>>;
 pub(crate) struct Frames {
     /// Index and time of each frame.
     pub stamps: Vec<FrameStamp>,
-    /// Time at which each picture was taken, since the first time stamp, s. So the time stamp at the start of a clip
-    /// cannot change any digit.
+    /// Time at which each picture was taken, since the first time stamp, s. Thus the first time stamp has no
+    /// effect on the digits.
     pub times_s: Vec<f64>,
     /// Whether each frame is an inference frame.
-    pub looked: Vec<bool>,
+    pub is_inferred: Vec<bool>,
     /// Number of inference frames that are far enough apart in time ([`APART_S`]).
     pub counted: usize,
     /// Time of the last of these inference frames, s.
@@ -30,14 +30,15 @@ pub(crate) struct Frames {
 }
 
 impl Frames {
-    /// Adds a frame that was taken `delay_s` after its time stamp. `looked`: whether it is an inference frame. Returns
-    /// its index, its time since the first time stamp (s), and whether it is counted.
-    pub(crate) fn push(&mut self, stamp: FrameStamp, delay_s: f64, looked: bool) -> (usize, f64, bool) {
+    /// Adds a frame that was taken `delay_s` after its time stamp. `is_inferred` says whether it is an inference frame.
+    /// Returns its index, its time since the first time stamp (s), and whether it is counted.
+    pub(crate) fn push(&mut self, stamp: FrameStamp, delay_s: f64, is_inferred: bool) -> (usize, f64, bool) {
         self.stamps.push(stamp);
         let stamped_s = stamp.pts_nanos.saturating_sub(self.stamps[0].pts_nanos) as f64 * 1e-9;
         self.times_s.push(stamped_s + delay_s);
-        self.looked.push(looked);
-        let is_counted = looked && self.last_counted_s.is_none_or(|last_s| stamped_s - last_s >= APART_S);
+        self.is_inferred.push(is_inferred);
+        let is_counted =
+            is_inferred && self.last_counted_s.is_none_or(|last_s| stamped_s - last_s >= APART_S);
         if is_counted {
             (self.counted, self.last_counted_s) = (self.counted + 1, Some(stamped_s));
         }

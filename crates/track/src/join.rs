@@ -1,7 +1,7 @@
 //! The probability that the vehicle before a gap and the vehicle after it are the same.
 //!
-//! Linking compares each join with its alternatives: another tracklet continues the earlier one, the later one continues
-//! another tracklet, or the gap is no gap of one vehicle. With the log likelihood ratios g of `continuation.rs`, the odds
+//! Linking compares each join with three alternatives. Another tracklet continues the earlier one, the later one continues
+//! another tracklet, or neither has a join. With the log likelihood ratios g of `continuation.rs`, the odds
 //! of the join from tracklet i to tracklet j are
 //!
 //! ```text

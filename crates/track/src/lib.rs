@@ -24,8 +24,8 @@
 //!   → Track                                                                   (complete.rs)
 //! ```
 //!
-//! A [`CarriedCar`] is a car that is carried over: it is detected at its earlier position. It keeps its track and its box
-//! alive, and adds nothing to its pose.
+//! A [`CarriedCar`] has not moved since an earlier inference frame, so it counts as detected at its earlier position. It
+//! keeps its track and its box alive, and adds nothing to its pose.
 //!
 //! # Noise
 //! The covariance R of a measurement assumes independent errors of the keypoints. The true covariance is c² R, with c =

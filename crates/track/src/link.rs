@@ -34,17 +34,18 @@ use crate::{
 /// Half the width of a lane, m: the sd of the distance between tracklets that begin at one place.
 const HALF_LANE_M: f64 = 1.5;
 
-/// Joins tracklets into tracks. Gaps of up to [`HIDDEN_S`] are bridged. `log_odds` returns the log odds that a tracklet
-/// is a vehicle; `None` for a tracklet that is one beyond doubt. With `cut`, links that are probably wrong are left out.
+/// Joins tracklets into tracks. Gaps of up to [`HIDDEN_S`] are bridged. `exists_log_odds` returns the log odds that a
+/// tracklet is a vehicle; `None` for a tracklet that is one beyond doubt. With `cut`, links that are probably wrong are left out.
 pub(crate) fn link(
     mut tracklets: Vec<RawTrack>,
     cut: bool,
-    log_odds: impl Fn(&RawTrack) -> Option<f64>,
+    exists_log_odds: impl Fn(&RawTrack) -> Option<f64>,
 ) -> Vec<RawTrack> {
     tracklets.retain(|track| !track.observations.is_empty());
     let starts: Vec<End> = tracklets.iter().map(|track| End::of(track, &track.observations, false)).collect();
     let ends: Vec<End> = tracklets.iter().map(|track| End::of(track, &track.observations, true)).collect();
-    let exists_p: Vec<f64> = tracklets.iter().map(|track| log_odds(track).map_or(1.0, sigmoid)).collect();
+    let exists_p: Vec<f64> =
+        tracklets.iter().map(|track| exists_log_odds(track).map_or(1.0, sigmoid)).collect();
     let arrivals = arrivals(&starts, &ends);
     // A tracklet that continues itself stays apart: probably, it is no vehicle.
     let clutter = |(i, p): (usize, &f64)| (*p < 1.0).then(|| (i, i, -p.max(1e-300).ln()));
@@ -68,8 +69,9 @@ pub(crate) fn link(
     if cut {
         // The likelihoods are simple models. `join.rs` calibrates their odds.
         for (end, link) in ends.iter().zip(&mut next) {
-            let is_probable =
-                |&(j, odds): &(usize, f64)| probability(features(odds, starts[j].time_s - end.time_s)) >= 0.5;
+            let is_probable = |&(j, log_odds): &(usize, f64)| {
+                probability(features(log_odds, starts[j].time_s - end.time_s)) >= 0.5
+            };
             *link = link.filter(is_probable);
         }
     }
@@ -95,9 +97,8 @@ fn before_takeover<'a>(earlier: &'a RawTrack, later: &RawTrack) -> Option<&'a [O
     (!before.is_empty() && most_touch).then_some(before)
 }
 
-/// Returns the rate at which other driving vehicles than those of two tracklets appear where the second one begins, per
-/// m² and s. A short clip does not show how often vehicles appear, so its duration has one mean time of a stationary
-/// vehicle more.
+/// Returns the rate at which driving vehicles appear where the second of two tracklets begins, per m² and s. The vehicles
+/// of both tracklets do not count. A short clip does not show this rate, so [`STATIONARY_S`] is added to its duration.
 fn arrivals<'a>(starts: &'a [End], ends: &[End]) -> impl Fn(usize, usize) -> f64 + 'a {
     let first_s = starts.iter().map(|start| start.time_s).fold(f64::INFINITY, f64::min);
     let last_s = ends.iter().map(|end| end.time_s).fold(f64::NEG_INFINITY, f64::max);
@@ -170,10 +171,10 @@ fn chains(tracklets: Vec<RawTrack>, next: &[Option<(usize, f64)>]) -> Vec<RawTra
         let mut at = first;
         while let Some((then, log_odds)) = next[at] {
             let Some(later) = left[then].take() else { break };
-            let begins = later.observations.first().map_or(usize::MAX, |first| first.frame);
+            let from = later.observations.first().map_or(usize::MAX, |seen| seen.frame);
             // A tracklet that takes over begins before the earlier one ends.
-            track.observations.retain(|seen| seen.frame < begins);
-            track.links.push(Link { frame: begins, log_odds });
+            track.observations.retain(|seen| seen.frame < from);
+            track.links.push(Link { frame: from, log_odds });
             track.append(later);
             at = then;
         }

@@ -6,7 +6,7 @@ use roadplane_measure::{GroundContact, either};
 
 use crate::{Evidence, Join};
 
-/// Median distance (rms) of a car's keypoints from their projections, as a share of the box's longer side: rendered
+/// Median distance (rms) of a car's keypoints from their projections, as a share of the box's longer side, in rendered
 /// clips.
 const USUAL_RMS_SHARE: f64 = 0.018;
 
@@ -167,7 +167,7 @@ pub struct FrameMeasurements {
     pub delay_s: f64,
     /// Whether this is an inference frame. In any other frame only the cars that are carried over are given, and no
     /// track counts a miss.
-    pub looked: bool,
+    pub is_inferred: bool,
     /// Cars that were fitted in the frame.
     pub cars: Vec<CarMeasurement>,
     /// Cars that are carried over.
@@ -187,7 +187,7 @@ impl FrameMeasurements {
         Self {
             stamp,
             delay_s: 0.0,
-            looked: true,
+            is_inferred: true,
             cars,
             carried_over: Vec::new(),
             seen_again: Vec::new(),
@@ -196,7 +196,7 @@ impl FrameMeasurements {
     }
 }
 
-/// A detection of a track: a measurement as the track stores it.
+/// An observation: a detection of a track, with its pose.
 #[derive(Clone, Debug)]
 pub(crate) struct Observation {
     /// Index of the frame, among all frames that the tracker was given.
@@ -223,7 +223,7 @@ impl Observation {
         Some(self.fit_rms_share?.max(1e-3) / USUAL_RMS_SHARE)
     }
 
-    /// Creates a detection from a box and the pose at which the box places the vehicle. `time_s` counts from the first
+    /// Creates an observation from a box and the pose at which the box places the vehicle. `time_s` counts from the first
     /// frame.
     pub(crate) fn by_box(seen: &Detection, placed: &GroundContact, frame: usize, time_s: f64) -> Self {
         let GroundContact { pose, covariance, .. } = *placed;
@@ -249,7 +249,7 @@ pub struct Track {
     pub states: Vec<TrackState>,
     /// Shape of the vehicle: all views fused, with the prior counted once.
     pub shape: ShapeEstimate,
-    /// All that shows whether the track is a vehicle.
+    /// Evidence on whether the track is a vehicle.
     pub evidence: Evidence,
     /// Joins over gaps, in the order of time.
     pub joins: Vec<Join>,

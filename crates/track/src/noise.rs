@@ -22,24 +22,24 @@ pub(crate) const COMMON_SHARE: f64 = 0.5;
 /// Keypoints on another car move the pose by more than the distances to their projections show. Maximum likelihood (t
 /// distribution) over the poses of 15 rendered clips with the true camera, each car with the same weight: 4.5.
 const MISFIT_GROWTH: f64 = 4.5;
-/// Time for which a driving car is seen from about the same direction, s. The bias of its keypoints stays the same in
-/// this time, and the curve of its path, too.
+/// Time for which a driving car is seen from about the same direction, s. In this time, the bias of its keypoints
+/// and the curvature of its path stay the same.
 pub(crate) const VIEW_S: f64 = 2.0;
 /// Number of sds from which on a value is significant. At such a distance, an outlier of the clock has half a weight.
 pub(crate) const SIGNIFICANT: f64 = 3.0;
-/// Least number of detections from which scatter is measured, and motion if the track has so many. It is also the
-/// number of inference frames within which a new track must be confirmed.
+/// Least number of detections for a measurement of scatter. Motion is measured over as many, if the track has them. It
+/// is also the number of inference frames within which a new track must be confirmed.
 pub(crate) const MIN_DETECTIONS: usize = 5;
 
 impl Noise {
-    /// Measures the split from squared, whitened residuals. Their mean is 3 · `free` if R is all white. `own` is their
-    /// sum, and `lagged` is the sum of the products of successive residuals. `free` is the share of the degrees of
-    /// freedom that fitting left.
-    pub(crate) fn measured(squares: &mut [f64], own: f64, lagged: f64, free: f64) -> Self {
+    /// Measures the split from squared, whitened residuals. Their mean is 3 · `free` if R is all white. `lagged` is
+    /// the sum of the products of successive residuals. `free` is the share of the degrees of freedom that fitting left.
+    pub(crate) fn measured(squares: &mut [f64], lagged: f64, free: f64) -> Self {
         let n = squares.len();
         if n < MIN_DETECTIONS {
             return Self { ratio: 1.0, correlation: 0.0 };
         }
+        let own: f64 = squares.iter().sum();
         squares.sort_by(f64::total_cmp);
         // The median of χ² with 3 degrees of freedom is 2.366; the mean would follow outliers.
         let ratio = (squares[n / 2] / (2.366 * free)).clamp(0.01, 50.0);
@@ -67,8 +67,8 @@ impl Noise {
     }
 }
 
-/// Returns the covariance of (x, y, heading) where the heading is given by other data: the covariance of the position
-/// given the heading, and zero for the heading.
+/// Returns the covariance of (x, y, heading) if other data give the heading. The position has its covariance given the
+/// heading; the rest is zero.
 pub(crate) fn given_heading(covariance: &Matrix3<f64>) -> Matrix3<f64> {
     let by_heading = covariance.column(2);
     let mut rest =

@@ -17,8 +17,8 @@ pub(crate) struct Numbers {
     pub existence: SVector<f64, FEATURES>,
     /// Weights of the features of a join.
     pub same_vehicle: SVector<f64, JOIN_FEATURES>,
-    /// Difference of colours: sds of its light and of its tint for one vehicle, 0–255, and the ratio of the sds of two
-    /// vehicles and of one.
+    /// Differences of colours: the sds of light and of tint for one vehicle, 0–255, then the ratio of the sds of two
+    /// vehicles to those of one.
     pub colour: [f64; 3],
 }
 

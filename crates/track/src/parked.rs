@@ -40,7 +40,7 @@ pub(crate) fn parked_pose(all: &[Observation]) -> Option<ParkedPose> {
     for _ in 0..MAX_ROUNDS {
         let (away, squares) = off(&pose);
         let mut sorted = squares.clone();
-        let ratio = Noise::measured(&mut sorted, 0.0, 0.0, 1.0).ratio;
+        let ratio = Noise::measured(&mut sorted, 0.0, 1.0).ratio;
         information = Matrix3::zeros();
         let mut step = Vector3::zeros();
         for ((d, inverse), square) in away.iter().zip(&inverses).zip(&squares) {
@@ -56,15 +56,15 @@ pub(crate) fn parked_pose(all: &[Observation]) -> Option<ParkedPose> {
     }
     let (away, mut squares) = off(&pose);
     let lagged = (1..away.len()).map(|i| away[i - 1].dot(&(inverses[i] * away[i]))).sum();
-    let own = squares.iter().sum();
-    let noise = Noise::measured(&mut squares, own, lagged, 1.0);
+    let noise = Noise::measured(&mut squares, lagged, 1.0);
     let typical = information.cholesky()?.inverse() * observations.len() as f64;
     let independent = (observations.len() as f64 * noise.ratio / noise.white().max(1e-12)).max(1.0);
     let white = noise.ratio / independent;
     if 2 * observations.iter().filter(|o| o.from_box).count() > observations.len() {
         // A box shows the heading only once, however often it is detected. The drive that led to it may show it better.
-        let place = given_heading(&typical);
-        return Some(ParkedPose { pose, white: typical - place * (1.0 - white).max(0.0), bias: place });
+        let position_part = given_heading(&typical);
+        let white = typical - position_part * (1.0 - white).max(0.0);
+        return Some(ParkedPose { pose, white, bias: position_part });
     }
     Some(ParkedPose { pose, white: typical * white, bias: typical * noise.bias(observations) })
 }

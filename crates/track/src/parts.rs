@@ -14,7 +14,7 @@ pub(crate) fn parts(tracks: &[&RawTrack], frames: &Frames) -> Vec<bool> {
     let others = boxes_of(tracks, frames);
     let is_part = |track: &&RawTrack| {
         let mut touched: BTreeMap<usize, usize> = BTreeMap::new();
-        let inferred = track.observations.iter().filter(|seen| frames.looked[seen.frame]);
+        let inferred = track.observations.iter().filter(|seen| frames.is_inferred[seen.frame]);
         let count = inferred.clone().count();
         for seen in inferred {
             for (other, other_px) in others.get(&seen.frame).into_iter().flatten() {
@@ -35,7 +35,7 @@ fn boxes_of(tracks: &[&RawTrack], frames: &Frames) -> BTreeMap<usize, Vec<(usize
         for pair in track.observations.windows(2) {
             let [from_px, to_px] = [&pair[0], &pair[1]].map(|seen| seen.detection.bbox_px);
             let span_s = (pair[1].time_s - pair[0].time_s).max(f64::MIN_POSITIVE);
-            for frame in (pair[0].frame..pair[1].frame).filter(|frame| frames.looked[*frame]) {
+            for frame in (pair[0].frame..pair[1].frame).filter(|frame| frames.is_inferred[*frame]) {
                 let share = (frames.times_s[frame] - pair[0].time_s) / span_s;
                 let between = |i: usize| from_px[i] + share * (to_px[i] - from_px[i]);
                 boxes.entry(frame).or_default().push((t, std::array::from_fn(between)));

@@ -31,7 +31,7 @@ pub(crate) struct Path {
     pub covariances: Vec<Matrix5<f64>>,
     /// Split of the measurements' covariance.
     pub noise: Noise,
-    /// Disambiguated heading of the track.
+    /// Result of the heading disambiguation.
     pub front: FrontChoice,
     /// Distance from the rear axle to the vehicle's origin, m.
     pub half_wheelbase_m: f64,
@@ -45,7 +45,7 @@ impl Path {
         let runs = find_runs(observations);
         let parts = path_parts(observations, times_s, &runs);
         let (states, front) = start(observations, &parts, half_wheelbase_m);
-        let noise = Noise::measured(&mut [], 0.0, 0.0, 1.0);
+        let noise = Noise::measured(&mut [], 0.0, 1.0);
         let mut path = Self { parts, states, covariances: Vec::new(), noise, front, half_wheelbase_m };
         path.solve(observations)?;
         for _ in 0..NOISE_PASSES {
@@ -69,7 +69,7 @@ impl Path {
     /// this (sum of leverages).
     fn driving_noise(&self, observations: &[Observation]) -> Noise {
         let mut squares = Vec::new();
-        let (mut own, mut lagged, mut leverage) = (0.0, 0.0, 0.0);
+        let (mut lagged, mut leverage) = (0.0, 0.0);
         let mut before: Option<(f64, Vector3<f64>)> = None;
         for ((part, state), covariance) in self.parts.iter().zip(&self.states).zip(&self.covariances) {
             // Detections stay neighbours across frames without inference, but not across a stationary interval or a gap.
@@ -80,15 +80,13 @@ impl Path {
             let (pose, jacobian) = origin(state, self.half_wheelbase_m);
             leverage += (weight * jacobian * covariance * jacobian.transpose()).trace();
             let away = residual(&seen.pose, &pose);
-            let square = away.dot(&(inverse * away));
-            squares.push(square);
-            own += square;
+            squares.push(away.dot(&(inverse * away)));
             lagged += before.map_or(0.0, |(_, b)| b.dot(&(inverse * away)));
             before = Some((seen.time_s, away));
         }
         let all = 3.0 * squares.len() as f64;
         let free = (1.0 - leverage / all.max(1.0)).clamp(0.2, 1.0);
-        Noise::measured(&mut squares, own, lagged, free)
+        Noise::measured(&mut squares, lagged, free)
     }
 
     /// Returns one state for every frame. `bias` returns the covariance of the errors that the states of a node share.

@@ -17,20 +17,20 @@ const MAX_STEP_S: f64 = MOTION_S / 2.0;
 
 /// A part of the path: one frame, one stationary interval, or a step within a gap.
 pub(crate) struct PathPart {
-    /// Range of frame indices of the tracker. It is empty for nodes that only bridge a gap in time.
+    /// Range of frame indices of the tracker. It is empty for parts that only bridge a gap in time.
     pub frames: std::ops::Range<usize>,
-    /// Range of detections.
+    /// Range of the track's observations.
     pub observations: std::ops::Range<usize>,
     /// Index of the detection nearest in time.
     pub nearest: usize,
     /// Pose of a stationary interval; `None` where the car drives.
     pub parked: Option<ParkedPose>,
-    /// Begin and end of the node, s.
+    /// Begin and end of the part, s.
     pub span_s: [f64; 2],
 }
 
 impl PathPart {
-    /// Returns the measured detection of a driving car in this frame, if there is one.
+    /// Returns the observation of a driving car in this frame; `None` if there is none, or if it is carried over.
     pub(crate) fn observation<'a>(&self, observations: &'a [Observation]) -> Option<&'a Observation> {
         observations[self.observations.clone()].first().filter(|seen| !seen.detection.carried_over)
     }
@@ -65,15 +65,15 @@ impl PathPart {
     }
 }
 
-/// Returns the nodes of a track, in the order of time. `times_s` holds the time of every frame.
+/// Returns the parts of a track's path, in the order of time. `times_s` holds the time of every frame.
 pub(crate) fn path_parts(observations: &[Observation], times_s: &[f64], runs: &[Run]) -> Vec<PathPart> {
     let mut found: Vec<PathPart> = Vec::new();
     for run in runs {
-        let part = &observations[run.observations.clone()];
-        let (Some(first), Some(last)) = (part.first(), part.last()) else { continue };
-        // Frames since the interval before, in which the car was not detected, get nodes as well.
+        let own = &observations[run.observations.clone()];
+        let (Some(first), Some(last)) = (own.first(), own.last()) else { continue };
+        // Frames since the interval before, in which the car was not detected, get parts as well.
         let from = found.last().map_or(first.frame, |part| part.frames.end);
-        let parked = if run.parked { parked_pose(part) } else { None };
+        let parked = if run.parked { parked_pose(own) } else { None };
         let mut index = run.observations.start;
         for (frame, &time_s) in times_s.iter().enumerate().take(last.frame + 1).skip(from) {
             if frame >= first.frame && parked.is_some() {
@@ -109,7 +109,7 @@ fn nearest(observations: &[Observation], after: usize, time_s: f64) -> usize {
     if gap_s(before) < gap_s(after) { before } else { after }
 }
 
-/// Puts nodes without frames into long gaps.
+/// Puts parts without frames into long gaps.
 fn bridged(parts: Vec<PathPart>) -> Vec<PathPart> {
     let mut result: Vec<PathPart> = Vec::with_capacity(parts.len());
     for part in parts {

@@ -33,8 +33,8 @@ pub(crate) struct Chain {
 }
 
 impl Chain {
-    /// Whether the last box is so long ago that another object may be there: the vehicle has moved by half its size
-    /// since, or [`MOTION_S`] has passed.
+    /// Whether another object may be at the position of the last box: the vehicle has moved by half its size since then,
+    /// or [`MOTION_S`] has passed.
     fn is_lost(&self, time_s: f64) -> bool {
         let (last_px, unseen_s) = (&self.motion.last_px, self.motion.unseen_s(time_s));
         let moved_px = (bbox_centre(&self.motion.at(time_s)) - bbox_centre(last_px)).norm();

@@ -183,8 +183,8 @@ fn covered_ground(car: &Vector3<f64>, other: &Vector3<f64>) -> f64 {
     (1.0 - ahead.abs() / car_m.x).max(0.0) * (1.0 - aside.abs() / car_m.y).max(0.0)
 }
 
-/// Whether the two detections cannot be two cars side by side. They are nearer than a car is wide, or their covariances
-/// do not separate them.
+/// Whether two detections are too near for two cars side by side. They are nearer than a car is wide, or their
+/// covariances do not separate them.
 fn share_space(a: &Observation, b: &Observation) -> bool {
     let away = a.pose.xy() - b.pose.xy();
     let spread = (a.covariance + b.covariance).fixed_view::<2, 2>(0, 0).into_owned();

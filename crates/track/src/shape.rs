@@ -25,7 +25,7 @@ const VIEW_TURN: f64 = 0.4;
 #[derive(Clone, Debug, Default)]
 pub(crate) struct ShapeSum {
     /// The prior with the most information so far.
-    before: Option<ShapeEstimate>,
+    prior: Option<ShapeEstimate>,
     /// Sum of the views that have ended.
     ended: Canonical,
     /// The view that is still open.
@@ -80,7 +80,7 @@ impl ShapeSum {
 
     /// Adds an observation. `position` (m) and `axis` (rad) are those of the track's filter.
     pub(crate) fn add(&mut self, car: &CarMeasurement, position: Vector2<f64>, axis: f64) {
-        self.know(car.shape_before);
+        self.take_prior(car.shape_before);
         if car.shape == car.shape_before {
             return;
         }
@@ -100,8 +100,8 @@ impl ShapeSum {
 
     /// Adds all observations that another track has of the same car.
     pub(crate) fn append(&mut self, other: Self) {
-        if let Some(before) = other.before {
-            self.know(before);
+        if let Some(prior) = other.prior {
+            self.take_prior(prior);
         }
         for view in [other.view, std::mem::take(&mut self.view)] {
             view.add_to(&mut self.ended);
@@ -110,17 +110,17 @@ impl ShapeSum {
     }
 
     /// Takes this prior if it has more information than the current one.
-    fn know(&mut self, before: ShapeEstimate) {
-        let is_less = |known: &ShapeEstimate| known.information.trace() < before.information.trace();
-        if self.before.as_ref().is_none_or(is_less) {
-            self.before = Some(before);
+    fn take_prior(&mut self, prior: ShapeEstimate) {
+        let is_less = |own: &ShapeEstimate| own.information.trace() < prior.information.trace();
+        if self.prior.as_ref().is_none_or(is_less) {
+            self.prior = Some(prior);
         }
     }
 
     /// Returns the shape from all views together. It is the atlas' mean car if there are no observations, or if the sum
     /// is not positive definite.
     pub(crate) fn fused(&self) -> ShapeEstimate {
-        let mut sum = Canonical::of(&self.before.unwrap_or_default());
+        let mut sum = Canonical::of(&self.prior.unwrap_or_default());
         sum.add(&self.ended, 1.0);
         self.view.add_to(&mut sum);
         let information = (sum.information + sum.information.transpose()) / 2.0;

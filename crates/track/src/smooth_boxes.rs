@@ -37,31 +37,31 @@ pub(crate) fn smooth_by_boxes(
     if !observations.iter().any(by_box) {
         return None;
     }
-    let by_poses =
+    let pose_path =
         Path::by_poses(track, times_s).filter(|path| path.front.drove || observations.iter().any(by_pose))?;
     let solve = |before: &Path, moving: &[bool], start_m: Vector3<f64>| {
         let mut parts = path_parts(observations, times_s, &runs(moving));
         let measured = |part: &mut PathPart| {
-            let seen = &observations[part.observations.clone()];
-            let poses: Vec<Observation> = seen.iter().filter(|seen| by_pose(seen)).cloned().collect();
+            let own = &observations[part.observations.clone()];
+            let poses: Vec<Observation> = own.iter().filter(|seen| by_pose(seen)).cloned().collect();
             if poses.is_empty() {
                 return None;
             }
             if part.parked.is_some() {
                 part.parked = parked_pose(&poses);
             }
-            part.measured(observations, by_poses.noise)
+            part.measured(observations, pose_path.noise)
         };
         let measured: Vec<_> = parts.iter_mut().map(measured).collect();
         let evidence_of = |(part, measured): (&PathPart, &Option<_>)| {
             let together = per_view(observations, part.nearest);
-            let seen = BoxEvidence::of(&observations[part.observations.clone()], together, stamps);
-            seen.filter(|_| measured.is_none())
+            let combined = BoxEvidence::of(&observations[part.observations.clone()], together, stamps);
+            combined.filter(|_| measured.is_none())
         };
         let evidence: Vec<Option<BoxEvidence>> = parts.iter().zip(&measured).map(evidence_of).collect();
         let nodes: Vec<Node> = parts.iter().zip(measured).map(|(part, one)| part.node(one)).collect();
         let start = parts.iter().map(|part| before.state_at(part.span_s[0])).collect::<Option<Vec<_>>>()?;
-        let vehicle = Vehicle { nodes: &nodes, half_wheelbase_m: by_poses.half_wheelbase_m };
+        let vehicle = Vehicle { nodes: &nodes, half_wheelbase_m: pose_path.half_wheelbase_m };
         let problem = ByBoxes { vehicle, evidence: &evidence, body, start_m, scene };
         let (states, covariances, found) = problem.solve(start)?;
         Some((Path { parts, states, covariances, ..*before }, found))
@@ -70,7 +70,7 @@ pub(crate) fn smooth_by_boxes(
     // does.
     let mut moving: Vec<bool> = observations.iter().map(|seen| !seen.detection.carried_over).collect();
     close_gaps(&mut moving, observations);
-    let (drive, found) = solve(&by_poses, &moving, start_m)?;
+    let (drive, found) = solve(&pose_path, &moving, start_m)?;
     for (seen, moving) in observations.iter().zip(&mut moving) {
         *moving &= drive.state_at(seen.time_s)?[3].abs() >= STATIONARY_MPS;
     }

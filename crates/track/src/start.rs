@@ -19,18 +19,16 @@ const ODDS_PER_M: f64 = 0.4;
 /// Log odds below which the front is undetermined.
 const CLEAR_ODDS: f64 = 1.0;
 
-/// The direction in which a track's headings point.
+/// The result of the heading disambiguation of a track.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) struct FrontChoice {
-    /// Whether headings that follow the axis must be turned by π.
-    pub reversed: bool,
     /// Whether the front is determined.
     pub known: bool,
     /// Whether the path shows the axis.
     pub drove: bool,
 }
 
-/// Returns the states to start from, and the disambiguated heading. Positions are the detected ones, slightly averaged.
+/// Returns the states to start from, and the result of the heading disambiguation. Positions are the detected ones, slightly averaged.
 /// The axis comes from motion where there is some, else from keypoints. The front comes from both.
 pub(crate) fn start(
     observations: &[Observation],
@@ -54,8 +52,8 @@ pub(crate) fn start(
         .collect();
     let (axes, drove) = axes(observations, &averaged, &parked);
     let odds = keypoint_odds(observations, &axes) + motion_odds(observations, &axes, &centres);
-    let front = FrontChoice { reversed: odds < 0.0, known: odds.abs() >= CLEAR_ODDS, drove };
-    let turn = if front.reversed { std::f64::consts::PI } else { 0.0 };
+    let front = FrontChoice { known: odds.abs() >= CLEAR_ODDS, drove };
+    let turn = if odds < 0.0 { std::f64::consts::PI } else { 0.0 };
     // The state of a part lies on the straight line between the detections around it.
     let state = |part: &PathPart| {
         let (time_s, last) = (part.span_s[0], observations.len() - 1);
@@ -89,8 +87,8 @@ fn axes(
         .collect();
     let nearest_direction = |i: usize| {
         let away_s = |k: usize| (observations[k].time_s - observations[i].time_s).abs();
-        let told = (0..directions.len()).filter(|k| directions[*k].is_some());
-        told.min_by(|a, b| away_s(*a).total_cmp(&away_s(*b))).and_then(|k| directions[k])
+        let clear = (0..directions.len()).filter(|k| directions[*k].is_some());
+        clear.min_by(|a, b| away_s(*a).total_cmp(&away_s(*b))).and_then(|k| directions[k])
     };
     let mut axes: Vec<f64> = Vec::with_capacity(observations.len());
     for (i, seen) in observations.iter().enumerate() {
@@ -116,10 +114,9 @@ fn direction_at(observations: &[Observation], averaged: &[Vector3<f64>], i: usiz
 /// Returns the log odds of the keypoints: positive where the axes point to the front.
 fn keypoint_odds(observations: &[Observation], axes: &[f64]) -> f64 {
     let (mut sum, mut total) = (0.0, 0.0);
-    for (observation, axis) in observations.iter().zip(axes).filter(|(observation, _)| !observation.from_box)
-    {
-        let weight = 1.0 / (observation.covariance[(2, 2)] + HEADING_SD_RAD.powi(2));
-        sum += weight * angle_difference(observation.pose.z, *axis).cos().signum();
+    for (seen, axis) in observations.iter().zip(axes).filter(|(seen, _)| !seen.from_box) {
+        let weight = 1.0 / (seen.covariance[(2, 2)] + HEADING_SD_RAD.powi(2));
+        sum += weight * angle_difference(seen.pose.z, *axis).cos().signum();
         total += weight;
     }
     if total > 0.0 { KEYPOINT_ODDS * sum / total } else { 0.0 }
@@ -128,8 +125,7 @@ fn keypoint_odds(observations: &[Observation], axes: &[f64]) -> f64 {
 /// Returns the log odds of the motion: positive where the axes point to the front.
 fn motion_odds(observations: &[Observation], axes: &[f64], centres: &[Vector3<f64>]) -> f64 {
     // A change from a position by keypoints to one by box is no motion. Only the more frequent kind counts.
-    let by_box =
-        2 * observations.iter().filter(|observation| observation.from_box).count() > observations.len();
+    let by_box = 2 * observations.iter().filter(|o| o.from_box).count() > observations.len();
     let mut alike = (0..centres.len()).filter(|i| observations[*i].from_box == by_box);
     let Some(mut from) = alike.next() else { return 0.0 };
     let ahead = |from: usize, to: usize| {

@@ -34,7 +34,7 @@ struct Live {
 }
 
 impl Live {
-    /// Starts a track with its first measurement. `counted` is the number of inference frames so far.
+    /// Starts a track with its first measurement. `counted` is the number of counted inference frames so far.
     fn new(car: &CarMeasurement, observation: Observation, source: Option<CarRef>, counted: usize) -> Self {
         let expected = Expected::new(&observation);
         let (position, axis) = (expected.filter.state.xy(), expected.filter.axis);
@@ -97,7 +97,7 @@ impl Tracker {
 
     /// Takes the next frame, in the order of time. Frames without cars must be given, too.
     pub fn push(&mut self, frame: &FrameMeasurements) {
-        let (index, time_s, is_counted) = self.frames.push(frame.stamp, frame.delay_s, frame.looked);
+        let (index, time_s, is_counted) = self.frames.push(frame.stamp, frame.delay_s, frame.is_inferred);
         let counted = self.frames.counted;
         let mut cars: Vec<&CarMeasurement> = frame.cars.iter().filter(|car| car.is_usable()).collect();
         self.rejected += frame.cars.len() - cars.len();
@@ -122,11 +122,11 @@ impl Tracker {
                 car.source.and_then(|source| self.live.iter().position(|live| live.source == Some(source)));
             let overlap =
                 |l: &usize| bbox_iou(&self.live[*l].expected.motion.last_px, &car.detection.bbox_px);
-            let by_place = || {
+            let by_overlap = || {
                 let free = (0..self.live.len()).filter(|l| !carried[*l] && overlap(l) > SURE_OVERLAP);
                 free.max_by(|a, b| overlap(a).total_cmp(&overlap(b)))
             };
-            if let Some(l) = by_source.filter(|l| !carried[*l]).or_else(by_place) {
+            if let Some(l) = by_source.filter(|l| !carried[*l]).or_else(by_overlap) {
                 self.live[l].carry_over(car, index, time_s);
                 carried[l] = true;
             }
@@ -141,14 +141,12 @@ impl Tracker {
         let pairs = assign(self.live.len(), cars.len(), 1.0, |l, c| {
             if has_own[l] { f64::INFINITY } else { self.live[l].expected.cost(&observations[c]) }
         });
-        for (live, again) in self.live.iter_mut().zip(&again) {
-            live.raw.seen_again += usize::from(again.is_some());
-        }
         let source = |c: usize| cars[c].detection.car.map(|car| CarRef { frame: frame.stamp.index, car });
-        for ((live, pair), has_own) in self.live.iter_mut().zip(&pairs).zip(&has_own) {
-            match *pair {
+        for (l, live) in self.live.iter_mut().enumerate() {
+            live.raw.seen_again += usize::from(again[l].is_some());
+            match pairs[l] {
                 Some(c) => live.add(cars[c], observations[c].clone(), source(c)),
-                None => live.missed += usize::from(is_counted && !has_own),
+                None => live.missed += usize::from(is_counted && !has_own[l]),
             }
         }
         let taken = |c: usize| pairs.contains(&Some(c));
@@ -205,7 +203,7 @@ impl Tracker {
     }
 }
 
-/// Converts a measurement to a detection, and adds the least variance to that of its position.
+/// Converts a measurement to an observation, and adds the variance of [`POSE_FLOOR_M`] to its position.
 fn observation(car: &CarMeasurement, frame: usize, time_s: f64) -> Observation {
     let floor = POSE_FLOOR_M.powi(2);
     let covariance = car.covariance + Matrix3::from_diagonal(&Vector3::new(floor, floor, 0.0));
@@ -220,8 +218,8 @@ fn observation(car: &CarMeasurement, frame: usize, time_s: f64) -> Observation {
     }
 }
 
-/// Adds detections to the states of their tracks. Each has the index of its frame, and belongs to the track of the
-/// measurement before it. It does not change the position.
+/// Adds detections without a measurement to the states of the tracks that have their last measurement. The first number
+/// is the index of the frame. Positions do not change.
 fn add_detections(tracks: &mut [Track], detections: &[(u64, SeenAgain)]) {
     let mut owners: BTreeMap<CarRef, usize> = BTreeMap::new();
     for (owner, track) in tracks.iter().enumerate() {

@@ -151,7 +151,7 @@ impl Vehicle<'_> {
         HALF_WHEELBASE_M / self.half_wheelbase_m
     }
 
-    /// Returns the time from the node before to the node `to`, s; that beyond an end of the path is a short one.
+    /// Returns the time between the node before `to` and the node `to`, s. Beyond an end of the path, it is 1 ms.
     fn gap_s(&self, to: usize) -> f64 {
         let ends = to.checked_sub(1).and_then(|from| Some((self.nodes.get(from)?, self.nodes.get(to)?)));
         ends.map_or(0.0, |(from, to)| to.span_s[0] - from.span_s[1]).max(1e-3)

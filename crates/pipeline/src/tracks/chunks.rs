@@ -13,7 +13,7 @@ use crate::stream::cadence::{RESET_S, interval_of};
 
 /// Approximate largest number of rows of a chunk. A row takes about 500 bytes during processing.
 pub(crate) const MOST_ROWS: u64 = 1_000_000;
-/// Overlap of a chunk beyond its seams, s. Tracks begin at the nets' full minutes. It must be as long as the longest
+/// Overlap of a chunk beyond its seams, s. It is one minute, as the nets start again at full minutes. It must be as long as the longest
 /// gap that tracks bridge (`HIDDEN_S` in `track/src/expected.rs`).
 const OVERLAP_S: f64 = RESET_S;
 /// Least length of a chunk, minutes. The overlaps are tracked twice, so shorter chunks are wasteful.
@@ -121,7 +121,7 @@ pub(crate) struct Numbers {
     last: u64,
     /// Detections around the last seam, with the numbers of their vehicles.
     shared: BTreeMap<CarRef, u64>,
-    /// Tracks of those vehicles, by number. Their class, size, shape and evidence are the same in all chunks.
+    /// Tracks of the last chunk, by number. Their class, size, shape and evidence are the same in all chunks.
     vehicles: BTreeMap<u64, Track>,
 }
 

@@ -27,7 +27,7 @@ pub(crate) struct TrackedVehicle {
 
 /// Returns the track's shape and smoothed pose for each detection of a track. Shapes are within the atlas's bounds.
 pub(crate) fn tracked_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<CarRef, TrackedCar> {
-    let mut known = BTreeMap::new();
+    let mut cars = BTreeMap::new();
     for track in tracks {
         let shape = ShapeEstimate { mean: atlas.clamped(&track.shape.mean), ..track.shape };
         let body = match track.dims_m {
@@ -45,7 +45,7 @@ pub(crate) fn tracked_cars(tracks: &[Track], atlas: &ShapeAtlas) -> BTreeMap<Car
             pose: state.pose,
             heading_sd_rad: state.pose_sd.z,
         };
-        known.extend(track.measured().map(|(key, state)| (key, of(state))));
+        cars.extend(track.measured().map(|(key, state)| (key, of(state))));
     }
-    known
+    cars
 }

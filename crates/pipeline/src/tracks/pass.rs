@@ -50,8 +50,8 @@ pub(crate) struct Pass<'a> {
 impl Pass<'_> {
     /// Fits and tracks all cars of all frames that the chunk needs. Returns the tracks and the views.
     ///
-    /// `known` contains the results of an earlier pass. A car in it has that shape and about that pose. Only with
-    /// `known` do boxes count that belong to no vehicle yet.
+    /// `known` contains the results of an earlier pass. Its cars are fitted with the shape of their
+    /// track, from the pose of their track. Boxes that belong to no vehicle are used only with `known`.
     ///
     /// Poses go to `sink` and counts to `tally`, but only from frames inside the chunk.
     pub(crate) fn tracks(
@@ -124,21 +124,20 @@ impl Pass<'_> {
                         (!(car.used && is_valid)).then_some("keypoints_disagree")
                     }
                 };
-                let known = tracked_car(index);
+                let tracked = tracked_car(index);
                 // The net finds a car's keypoints in a truck, too.
-                let is_car = known.is_none_or(|known| known.vehicle.body.class == VehicleClass::Car);
+                let is_car = tracked.is_none_or(|car| car.vehicle.body.class == VehicleClass::Car);
                 let usable = fit.as_ref().filter(|_| reason.is_none() && is_car);
                 let measured = usable
-                    .map(|fit| by_keypoints(fit, seen, self.any_car, known))
-                    .or_else(|| by_box(seen, &view, known));
+                    .map(|fit| by_keypoints(fit, seen, self.any_car, tracked))
+                    .or_else(|| by_box(seen, &view, tracked));
                 match measured {
                     Some(measured) => {
-                        let known = known.is_some();
                         let rms_share = |fit: &CarFit| fit.car.reprojection_rms_px / record.longer_side_px();
                         let share = fit.as_ref().map(rms_share).filter(|share| share.is_finite());
                         // Fits that are not valid are all alike.
                         let fit_rms_share = share.map(|share| share.min(limits.max_rms_share));
-                        cars.push(CarMeasurement { known, fit_rms_share, ..measured });
+                        cars.push(CarMeasurement { known: tracked.is_some(), fit_rms_share, ..measured });
                     }
                     None => {
                         carried_over.extend(record.is_carried_over().then_some(carried_car));
@@ -158,7 +157,7 @@ impl Pass<'_> {
             let pts_nanos = (frame.time_s * 1e9).round() as i64;
             let stamp = FrameStamp { index: frame.frame, pts_nanos };
             let delay_s = self.clock.delay_s(frame.time_s);
-            let looked = frame.watch.as_ref().is_none_or(|watch| watch.looked);
+            let is_inferred = frame.watch.as_ref().is_none_or(|watch| watch.looked);
             let weak = frame.weak.iter().filter(|_| known.is_some());
             boxes.extend(
                 weak.map(|weak| self.detection(&frame, weak.bbox_px, weak.score, weak.colour_rgb, None)),
@@ -167,7 +166,7 @@ impl Pass<'_> {
             tracker.push(&FrameMeasurements {
                 stamp,
                 delay_s,
-                looked,
+                is_inferred,
                 cars,
                 carried_over,
                 seen_again,
@@ -220,15 +219,15 @@ impl Pass<'_> {
     }
 }
 
-/// Builds the measurement of a car from its keypoints. If the car is known, its shape was fixed.
+/// Builds the measurement of a car from its keypoints. If the car has a track, its shape was fixed.
 fn by_keypoints(
     fit: &CarFit,
     seen: Detection,
     any_car: ShapePrior,
-    known: Option<&TrackedCar>,
+    tracked: Option<&TrackedCar>,
 ) -> CarMeasurement {
-    let (shape_before, shape) = match known {
-        Some(known) => (known.vehicle.shape, known.vehicle.shape),
+    let (shape_before, shape) = match tracked {
+        Some(car) => (car.vehicle.shape, car.vehicle.shape),
         None => {
             let before = ShapeEstimate { mean: any_car.mean, information: any_car.information };
             let after = |information| ShapeEstimate { mean: fit.car.shape, information };
@@ -241,12 +240,12 @@ fn by_keypoints(
 }
 
 /// Builds the measurement of a vehicle whose box is more informative than its keypoints.
-fn by_box(seen: Detection, view: &FrameCamera, known: Option<&TrackedCar>) -> Option<CarMeasurement> {
-    let knowledge = match known {
-        Some(known) => Knowledge::Track {
-            body: known.vehicle.body,
-            heading_rad: known.pose.heading_rad,
-            heading_sd_rad: known.heading_sd_rad,
+fn by_box(seen: Detection, view: &FrameCamera, tracked: Option<&TrackedCar>) -> Option<CarMeasurement> {
+    let knowledge = match tracked {
+        Some(car) => Knowledge::Track {
+            body: car.vehicle.body,
+            heading_rad: car.pose.heading_rad,
+            heading_sd_rad: car.heading_sd_rad,
         },
         None => Knowledge::Label(seen.class),
     };

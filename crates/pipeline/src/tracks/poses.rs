@@ -72,11 +72,11 @@ impl CarriedPoses {
     /// Stores the pose of a detection. Poses are kept for as long as they may be carried over.
     pub fn store(&mut self, pose: &PoseRecord) {
         if pose.time_s - self.pruned_s > RESET_S {
-            self.by_source.retain(|_, earlier| pose.time_s - earlier.time_s <= RESET_S);
+            self.by_source.retain(|_, stored| pose.time_s - stored.time_s <= RESET_S);
             self.pruned_s = pose.time_s;
         }
-        let earlier = PoseRecord { keypoints_px: vec![None; KEYPOINTS], ..pose.clone() };
-        self.by_source.insert(CarRef { frame: pose.frame, car: pose.car }, earlier);
+        let stored = PoseRecord { keypoints_px: vec![None; KEYPOINTS], ..pose.clone() };
+        self.by_source.insert(CarRef { frame: pose.frame, car: pose.car }, stored);
     }
 
     /// Returns the line of `poses.jsonl` for a car whose pose is carried over; `None` where its detection gave no pose.

@@ -39,7 +39,7 @@ impl Scene for Bodies {
 }
 
 /// Returns a measurement from one box: the vehicle is somewhere behind the centre of the lower edge.
-fn observation(class: VehicleClass, bbox_px: [f64; 4], axis_rad: f64) -> CarMeasurement {
+fn measurement(class: VehicleClass, bbox_px: [f64; 4], axis_rad: f64) -> CarMeasurement {
     let (camera, plane) = camera();
     let [x0, _, x1, y1] = bbox_px;
     let foot = plane.world_from_pixel(&camera, &Vector2::new((x0 + x1) / 2.0, y1)).unwrap();
@@ -74,7 +74,7 @@ fn follow(path: &Path, hide: impl Fn(f64, &mut [f64; 4])) -> Vec<Track> {
         let stamp = FrameStamp { index: index as u64, pts_nanos: (time_s * 1e9).round() as i64 };
         let axis_rad = 1.1 + 0.5 * random.normal();
         tracker
-            .push(&FrameMeasurements::seen(stamp, vec![observation(VehicleClass::Truck, bbox_px, axis_rad)]));
+            .push(&FrameMeasurements::seen(stamp, vec![measurement(VehicleClass::Truck, bbox_px, axis_rad)]));
     }
     tracker.finish(&Bodies).tracks
 }
@@ -136,7 +136,7 @@ fn a_bus_with_two_boxes_for_a_moment_is_one_vehicle() {
             20..22 => vec![rear, front],
             _ => vec![front],
         };
-        let cars = boxes.into_iter().map(|bbox_px| observation(VehicleClass::Bus, bbox_px, 0.0)).collect();
+        let cars = boxes.into_iter().map(|bbox_px| measurement(VehicleClass::Bus, bbox_px, 0.0)).collect();
         let stamp = FrameStamp { index: index as u64, pts_nanos: (time_s * 1e9).round() as i64 };
         tracker.push(&FrameMeasurements::seen(stamp, cars));
     }

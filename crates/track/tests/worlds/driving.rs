@@ -29,11 +29,13 @@ fn errors(track: &Track, world: &World, car: usize) -> [f64; 3] {
 fn turning(speed_mps: f64, radius_m: f64) -> Path {
     Box::new(move |t| {
         let driven = speed_mps * t - 8.0;
-        let bend = (driven / radius_m).clamp(0.0, FRAC_PI_2);
+        let turned = (driven / radius_m).clamp(0.0, FRAC_PI_2);
         let beyond = (driven - radius_m * FRAC_PI_2).max(0.0);
-        let rear =
-            (driven.min(0.0) + radius_m * bend.sin() - 4.0, 18.0 + radius_m * (1.0 - bend.cos()) + beyond);
-        Some(pose(rear.0 + 1.35 * bend.cos(), rear.1 + 1.35 * bend.sin(), bend))
+        let rear = (
+            driven.min(0.0) + radius_m * turned.sin() - 4.0,
+            18.0 + radius_m * (1.0 - turned.cos()) + beyond,
+        );
+        Some(pose(rear.0 + 1.35 * turned.cos(), rear.1 + 1.35 * turned.sin(), turned))
     })
 }
 
@@ -118,8 +120,8 @@ fn starts_and_stops_are_found() {
         let at = |time_s: f64| states.iter().find(|s| s.stamp.time_s() >= time_s).unwrap();
         assert!(at(1.0).speed_mps.abs() < 0.01 && at(12.0).speed_mps.abs() < 0.01);
         assert!((at(5.83).speed_mps - 4.24).abs() < 0.8, "{}", at(5.83).speed_mps);
-        let rests: Vec<&GroundPose> = [0.5, 1.5, 2.0].iter().map(|t| &at(*t).pose).collect();
-        assert!(rests.iter().all(|p| *p == rests[0]), "it rests until it starts");
+        let stationary: Vec<&GroundPose> = [0.5, 1.5, 2.0].iter().map(|t| &at(*t).pose).collect();
+        assert!(stationary.iter().all(|p| *p == stationary[0]), "it is stationary until it starts");
         let driven = at(13.0).pose.x_m - at(0.5).pose.x_m;
         assert!((driven - 12.0).abs() < 0.5, "{driven} m");
     }

@@ -76,8 +76,8 @@ proptest! {
         prop_assert_eq!(here.len(), there.len());
         for a in &here {
             // Tracks are compared by their detections, as their order depends on x.
-            let observations = |t: &Track| t.states.iter().map(|s| (s.stamp.index, s.car)).collect::<Vec<_>>();
-            let b = there.iter().find(|b| observations(b) == observations(a));
+            let detections = |t: &Track| t.states.iter().map(|s| (s.stamp.index, s.car)).collect::<Vec<_>>();
+            let b = there.iter().find(|b| detections(b) == detections(a));
             prop_assert!(b.is_some());
             for (a, b) in a.states.iter().zip(b.into_iter().flat_map(|b| &b.states)) {
                 let expected = rotation * Vector2::new(a.pose.x_m, a.pose.y_m) + Vector2::new(x, y);

@@ -188,11 +188,11 @@ fn a_stationary_car_with_high_scores_needs_no_keypoints() {
         // The boxes jitter, which is no driving.
         let jitter = |i: u64| 3.0 * ((i * 7 % 5) as f64 - 2.0);
         let jittered = |i| bbox_px.map(|px| px + jitter(i));
-        let observation = |i| Detection { score, carried_over: carried(i), ..seen(jittered(i), Some(0)) };
-        let boxes = |i| Vec::from_iter(found(i).then(|| observation(i)));
+        let detection = |i| Detection { score, carried_over: carried(i), ..seen(jittered(i), Some(0)) };
+        let boxes = |i| Vec::from_iter(found(i).then(|| detection(i)));
         let frame = |i| FrameMeasurements {
             boxes: boxes(i),
-            looked: !carried(i),
+            is_inferred: !carried(i),
             ..FrameMeasurements::seen(stamp(i), vec![])
         };
         follow(&(0..60).map(frame).collect::<Vec<_>>(), &OnTheGround)
