@@ -146,13 +146,15 @@ fn stages_alone_give_the_documented_files() {
     let free = || {
         let mut command = roadplane();
         command.args(["stage", "solve"]).arg(at("k.jsonl")).arg("--out").arg(at("free/p.jsonl"));
-        command.args(["--no-plane", "--focal-px", "1360"]).assert()
+        command.args(["--no-plane", "--focal-px", "1360", "--lens", "-0.1,0"]).assert()
     };
     free().code(1);
     std::fs::create_dir(at("free")).unwrap();
     free().code(0);
     assert!(!json_lines(&at("free/p.jsonl")).is_empty());
-    assert!((number(&json(&at("free/camera.json"))["focal_px"]) - 1360.0).abs() < 1e-6);
+    let camera = json(&at("free/camera.json"));
+    assert!((number(&camera["focal_px"]) - 1360.0).abs() < 1e-6);
+    assert!(number(&camera["lens"]["bend"]) < -0.01, "the given lens counts, too");
     std::fs::create_dir(at("paper")).unwrap();
     let mut command = roadplane();
     command

@@ -1,9 +1,9 @@
 //! Adjusts the positions of reference pictures to all links between them.
 //!
 //! A tree of links gives each reference a position. When the camera comes back, further links close loops, in which the
-//! errors of the links add up. The adjustment spreads such an error over the loop: it minimises the weighted squared
-//! distances between the points that each link maps and the positions of its two references. Each step fits one
-//! reference to its neighbours (Gauss–Seidel).
+//! errors of the links add up. The adjustment spreads such an error over the loop. It minimises the weighted squared
+//! distances between the points that each link maps and the same points by the positions of its two references. Each
+//! step fits one reference to its neighbours (Gauss–Seidel).
 
 use std::collections::BTreeMap;
 

@@ -29,8 +29,8 @@ struct Mean {
     lagged: f64,
 }
 
-/// Combines the observations of one stationary car, given in the order of time, to robust means of the keypoints (px)
-/// with the covariance that remains (px²).
+/// Combines the observations of one stationary car, in the order of time. Returns robust means of the keypoints (px) with
+/// the covariance that remains (px²).
 #[must_use]
 pub fn combine(sets: &[&KeypointSet]) -> Box<KeypointSet> {
     let means: Vec<Option<Mean>> = (0..KEYPOINTS).map(|i| mean_of(sets, i)).collect();

@@ -53,7 +53,7 @@ pub fn cues(
             view.turns = turns.get(&position).copied();
             let mut options = options.clone();
             view.add_factors(&mut options.factors);
-            let here = windows.iter().filter(|window| window.segment == position).cloned();
+            let here = windows.iter().filter(|window| window.position == position).cloned();
             match fuse(&here.collect::<Vec<_>>(), &options).pop() {
                 Some(camera) => view.verticals = verticals(&view.lines, &camera),
                 None => view.turns = None,

@@ -84,13 +84,13 @@ pub fn epochs<'a>(
     let counts = |i: usize| clips[i + 1..].iter().all(|later| later.clip.sha256 != clips[i].clip.sha256);
     let counted: Vec<&CameraEvidence> = (0..clips.len()).filter(|i| counts(*i)).map(|i| clips[i]).collect();
     let mut epochs: Vec<Epoch<'a>> = Vec::new();
-    let mut next_link: LinkId = 0;
+    let mut last_link: LinkId = 0;
     for clip in counted {
         let at = joins(clip, &epochs, compare, options).unwrap_or_else(|| {
             epochs.push(Epoch { clips: Vec::new(), windows: Vec::new(), vehicles: Vec::new() });
             epochs.len() - 1
         });
-        epochs[at].add(clip, &mut next_link);
+        epochs[at].add(clip, &mut last_link);
     }
     epochs
 }
@@ -128,15 +128,15 @@ pub fn joins(
 }
 
 impl<'a> Epoch<'a> {
-    /// Adds a clip and links its parked vehicles to those of the epoch. `next_link` is the last identifier in use.
-    fn add(&mut self, clip: &'a CameraEvidence, next_link: &mut LinkId) {
+    /// Adds a clip and links its parked vehicles to those of the epoch. `last_link` is the last identifier in use.
+    fn add(&mut self, clip: &'a CameraEvidence, last_link: &mut LinkId) {
         let mut cars: Vec<CarUse> = Vec::new();
         let mut fresh = || {
-            *next_link += 1;
-            *next_link
+            *last_link += 1;
+            *last_link
         };
         for car in &clip.parked {
-            let known = self.vehicles.iter().find(|(_, known)| same_vehicle(known, car));
+            let known = self.vehicles.iter().find(|(_, stored)| same_vehicle(stored, car));
             let link = known.map_or_else(&mut fresh, |(link, _)| *link);
             if known.is_none() {
                 self.vehicles.push((link, car));
@@ -150,7 +150,7 @@ impl<'a> Epoch<'a> {
             params: clip.camera_params(),
             joint: clip.joint(),
             cars,
-            segment: 0,
+            position: 0,
         });
         self.clips.push(clip);
     }
@@ -161,9 +161,9 @@ impl<'a> Epoch<'a> {
         // Numbers without evidence in the clip get a large, but finite, variance.
         let weak = Matrix4::from_diagonal(&options.prior_sd.map(|sd| 1e-4 / (sd * sd)));
         let own = (clip.joint().information + weak).try_inverse()?;
-        let factor = (own + known.covariance).cholesky()?;
+        let cholesky = (own + known.covariance).cholesky()?;
         let away: Vector4<f64> = clip.camera_params().to_vector() - known.params.to_vector();
-        let distance = away.dot(&factor.solve(&away));
-        (distance <= CONTRADICTS).then(|| -0.5 * (distance + factor.ln_determinant()))
+        let distance = away.dot(&cholesky.solve(&away));
+        (distance <= CONTRADICTS).then(|| -0.5 * (distance + cholesky.ln_determinant()))
     }
 }

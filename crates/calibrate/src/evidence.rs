@@ -15,7 +15,7 @@ pub struct Window {
     /// Views for the joint solve, best first.
     pub views: Vec<View>,
     /// Index of the camera position, from 0. Where the camera returns to a position, it has the same index again.
-    pub segment: usize,
+    pub position: usize,
 }
 
 impl Window {
@@ -27,9 +27,9 @@ impl Window {
     pub fn divided(mut self, fold: &Fold, foot_px: impl Fn(&[f64; 4]) -> Vector2<f64>) -> [Self; 2] {
         let views = std::mem::take(&mut self.views).into_iter();
         let (beyond, here) = views.partition(|view| is_beyond(&fold.line, &foot_px(&view.bbox_px)));
-        [(here, self.segment), (beyond, self.segment + 1)].map(|(views, segment)| Self {
+        [(here, self.position), (beyond, self.position + 1)].map(|(views, position)| Self {
             views,
-            segment,
+            position,
             ..self
         })
     }
@@ -46,7 +46,7 @@ pub struct EvidenceBuilder {
     /// The current window, without its views; `None` before its first frame.
     open: Option<Window>,
     /// Index of the camera position of the last frame, from 0.
-    pub segment: usize,
+    pub position: usize,
 }
 
 impl EvidenceBuilder {
@@ -58,7 +58,7 @@ impl EvidenceBuilder {
             selector: ViewSelector::default(),
             window_s,
             open: None,
-            segment: 0,
+            position: 0,
         }
     }
 
@@ -70,11 +70,12 @@ impl EvidenceBuilder {
             if moved.is_some() || self.open.as_ref().is_some_and(is_full) { self.finish() } else { None };
         if let Some(watch) = moved {
             self.linker.reset();
-            self.segment = watch.place.unwrap_or(self.segment + 1);
+            self.position = watch.place.unwrap_or(self.position + 1);
         }
         let links = self.linker.push(frame);
         self.selector.push(frame, &links);
-        let first = Window { span_s: [frame.time_s; 2], frames: 0, views: Vec::new(), segment: self.segment };
+        let first =
+            Window { span_s: [frame.time_s; 2], frames: 0, views: Vec::new(), position: self.position };
         let open = self.open.get_or_insert(first);
         open.span_s[1] = open.span_s[1].max(frame.time_s);
         open.frames += 1;

@@ -1,10 +1,10 @@
 //! The factor graph of a clip's camera: fuses the windows and all other factors over time.
 //!
-//! The unknowns are (log f, tilt, roll, log h) of each camera position, and the size of the place's cars. The evidence
+//! The unknowns are (log f, tilt, roll, log h) of each camera position, and the size of the site's cars. The evidence
 //! is
 //!
 //! - the cars. Each window gives a Gaussian of (log f, tilt, roll, log h) from their keypoints. The Gaussian depends on
-//!   the errors that all cars of the place share. The mean of the windows of a position counts as a Gaussian of (log f,
+//!   the errors that all cars of the site share. The mean of the windows of a position counts as a Gaussian of (log f,
 //!   horizon, roll, log h).
 //! - [`Factor`]s: user constraints, verticals, turns. A factor counts once at its camera position.
 //! - the focal length that the two planes of a folded ground have in common, and the camera's prior.
@@ -70,26 +70,26 @@ pub struct Joined {
 pub fn join(windows: &[WindowEstimate], options: &FuseOptions) -> Joined {
     let mut usable: Vec<&WindowEstimate> = windows.iter().filter(|window| is_usable(window)).collect();
     // Windows of a position to which the camera returns come together.
-    usable.sort_by(|a, b| a.segment.cmp(&b.segment).then(a.span_s[0].total_cmp(&b.span_s[0])));
-    let positions = usable.chunk_by(|a, b| a.segment == b.segment).map(|windows| Piece {
+    usable.sort_by(|a, b| a.position.cmp(&b.position).then(a.span_s[0].total_cmp(&b.span_s[0])));
+    let at_one = |windows| Position {
         windows,
         cars: evidence_of_cars(windows, options),
-        factors: options.factors.get(&windows[0].segment).into_iter().flatten().collect(),
-    });
-    let pieces: Vec<Piece<'_>> = positions.collect();
-    let (nodes, states) = solve(&pieces, options);
-    let solved = pieces.iter().zip(&nodes).zip(&states);
-    let of_piece = |((piece, node), state): ((&Piece<'_>, _), _)| {
-        (piece.windows[0].segment, estimate(piece.windows, node, state, options))
+        factors: options.factors.get(&windows[0].position).into_iter().flatten().collect(),
+    };
+    let positions: Vec<Position<'_>> = usable.chunk_by(|a, b| a.position == b.position).map(at_one).collect();
+    let (nodes, states) = solve(&positions, options);
+    let solved = positions.iter().zip(&nodes).zip(&states);
+    let of_one = |((position, node), state): ((&Position<'_>, _), _)| {
+        (position.windows[0].position, estimate(position.windows, node, state, options))
     };
     Joined {
-        estimates: solved.map(of_piece).collect(),
+        estimates: solved.map(of_one).collect(),
         size_of_cars: states.last().map_or(0.0, Gaussian::size_of_cars),
     }
 }
 
 /// The windows of one camera position, and all evidence on its camera.
-struct Piece<'a> {
+struct Position<'a> {
     /// The windows, in the order of time.
     windows: &'a [&'a WindowEstimate],
     /// Evidence of cars on (log f, horizon, roll, log h'), and the camera (log f, tilt, roll, log h') that it shows.
@@ -110,21 +110,21 @@ fn evidence_of_cars(windows: &[&WindowEstimate], options: &FuseOptions) -> (Evid
 /// Returns the nodes with all their evidence, and the smoothed states.
 ///
 /// Cars and factors are no Gaussians of the camera parameters, so each round linearises them at the last states.
-fn solve(pieces: &[Piece<'_>], options: &FuseOptions) -> (Vec<Node>, Vec<Gaussian>) {
+fn solve(positions: &[Position<'_>], options: &FuseOptions) -> (Vec<Node>, Vec<Gaussian>) {
     let mut factors: Vec<Vec<Evidence>> =
-        pieces.iter().map(|piece| vec![Evidence::none(); piece.factors.len()]).collect();
-    let mut at: Vec<[Vector4<f64>; 2]> = pieces.iter().map(|piece| [piece.cars.1; 2]).collect();
+        positions.iter().map(|position| vec![Evidence::none(); position.factors.len()]).collect();
+    let mut at: Vec<[Vector4<f64>; 2]> = positions.iter().map(|position| [position.cars.1; 2]).collect();
     let mut states: Vec<Gaussian> = Vec::new();
     let mut nodes = Vec::new();
     for _ in 0..MOST_ROUNDS {
         nodes.clear();
-        for (i, (piece, factors)) in pieces.iter().zip(&mut factors).enumerate() {
-            let cars = linearised(&piece.cars.0, &at[i][0]);
+        for (i, (position, factors)) in positions.iter().zip(&mut factors).enumerate() {
+            let cars = linearised(&position.cars.0, &at[i][0]);
             let mut node = Node { cars, metres: Evidence::none() };
             // The first round has cars alone. It shows where the factors are to be linearised.
             if let Some(state) = states.get(i) {
                 let all = state.evidence();
-                for (factor, evidence) in piece.factors.iter().zip(factors) {
+                for (factor, evidence) in position.factors.iter().zip(factors) {
                     // The scale of these comes from the sizes of cars, not from measured metres.
                     let of_cars = matches!(factor, Factor::Survey(survey) if survey.by_cars);
                     let rest = all.filter(|_| !of_cars).map(|all| all.without(evidence));
@@ -156,14 +156,14 @@ fn estimate(
     options: &FuseOptions,
 ) -> CameraEstimate {
     let (params, covariance) = state.camera();
-    let told = node.cars.and(&node.metres).information;
+    let information = node.cars.and(&node.metres).information;
     let prior = options.prior_sd.map(|sd| 1.0 / (sd * sd));
-    let known = |number: usize| is_determined(number, &told, &prior);
-    let status = if !(known(1) && known(3)) {
+    let determined = |number: usize| is_determined(number, &information, &prior);
+    let status = if !(determined(1) && determined(3)) {
         CameraStatus::Unobservable
     } else if options.focal_given {
         CameraStatus::FocalGiven
-    } else if known(0) {
+    } else if determined(0) {
         CameraStatus::Estimated
     } else {
         CameraStatus::FocalFromPrior

@@ -264,7 +264,7 @@ impl Solved {
     /// Returns the squared distance of each view from the common plane, in its sds.
     fn squares(&self, weights: &[f64]) -> Option<Vec<f64>> {
         let (hessian, gradient) = self.equations(weights, |_| false, &Vector3::zeros());
-        let plane = -factor(&hessian.fixed_view::<3, 3>(0, 0).into_owned())?
+        let plane = -cholesky(&hessian.fixed_view::<3, 3>(0, 0).into_owned())?
             .solve(&gradient.fixed_rows::<3>(0).into_owned());
         let mut sizes: BTreeMap<LinkId, (f64, f64)> = BTreeMap::new();
         for (view, weight) in self.views.iter().zip(weights) {
@@ -275,21 +275,21 @@ impl Solved {
         let square = |view: &GroundView| {
             let size = sizes.get(&view.link).map_or(0.0, |(information, slope)| slope / information);
             let slope = view.gradient + view.information * (plane - Vector3::z() * size);
-            factor(&view.information).map_or(0.0, |own| slope.dot(&own.solve(&slope)))
+            cholesky(&view.information).map_or(0.0, |own| slope.dot(&own.solve(&slope)))
         };
         Some(self.views.iter().map(square).collect())
     }
 }
 
-/// Returns the factor of an information matrix of a plane's numbers, of which some may be unobserved.
-fn factor(plane: &Matrix3<f64>) -> Option<Cholesky<f64, U3>> {
+/// Returns the Cholesky factor of an information matrix of a plane's numbers, of which some may be unobserved.
+fn cholesky(plane: &Matrix3<f64>) -> Option<Cholesky<f64, U3>> {
     (plane + Matrix3::identity() * LEAST_INFORMATION).cholesky()
 }
 
 /// Returns the normal equations of the errors by size and the fold, with the plane eliminated.
 fn without_plane((hessian, gradient): &Equations) -> Option<(Matrix3<f64>, Vector3<f64>)> {
     let cross = hessian.fixed_view::<3, 3>(0, 3).into_owned();
-    let solved = factor(&hessian.fixed_view::<3, 3>(0, 0).into_owned())?.solve(&cross);
+    let solved = cholesky(&hessian.fixed_view::<3, 3>(0, 0).into_owned())?.solve(&cross);
     Some((
         hessian.fixed_view::<3, 3>(3, 3) - cross.transpose() * solved,
         gradient.fixed_rows::<3>(3) - solved.transpose() * gradient.fixed_rows::<3>(0),
@@ -302,7 +302,7 @@ mod tests {
     use roadplane_base::GroundPlane;
     use roadplane_synth::Rng;
 
-    /// Fold of the tests: 45 px below the middle of the picture, which is turned by a tenth.
+    /// Line of the fold in the tests: 45 px below the middle of the picture, with a slope of a tenth.
     const LINE: [f64; 3] = [0.1, -1.0, 45.0];
 
     /// Returns the evidence of cars on a grid over the picture. The ground beyond the line is turned by an angle (rad).

@@ -17,8 +17,8 @@
 //! one measurement of the distortion. If it is more accurate than the assumption of no distortion, the lens is the
 //! posterior mean of both.
 //!
-//! Otherwise the lens is used only if it explains the edges a hundred times better than no distortion (a Bayes factor).
-//! Also, no side of the picture may be the only one in favour of it. Otherwise the picture counts as free of
+//! If not, a lens is used under two conditions. It explains the edges a hundred times better than no distortion (a Bayes
+//! factor), and no side of the picture is the only one in favour of it. In all other cases the picture counts as free of
 //! distortion. The remaining uncertainty of the distortion is an error that all cars share.
 
 use std::f64::consts::TAU;
@@ -45,13 +45,13 @@ const KINDS: usize = SHARES.len() * CROOKED_PX.len();
 const STRAY_SHARE: f64 = 0.0035;
 /// Range of the distortion on the grid ([`Lens::distortion`], dimensionless).
 const DISTORTIONS: [f64; 2] = [-0.6, 0.2];
-/// Step of the grid of distortions (dimensionless). A turn that shows the distortion more accurately makes a finer one.
+/// Step of the grid of distortions (dimensionless). A turn that shows the distortion more accurately makes the grid finer.
 const STEP: f64 = STRAIGHT_SD / 2.0;
 /// Reach of a finer grid to either side of the turn's distortion, and its step, in sds.
 const FINE: [f64; 2] = [6.0, 0.25];
 /// Sd of the distortion about that of a lens that is given, or that counts as free of distortion (dimensionless).
 pub const STRAIGHT_SD: f64 = 0.005;
-/// Mean and sd of OpenCV's k1 of the other pictures. Most are distorted outwards; published values are −0.4 to 0.05.
+/// Mean and sd of OpenCV's k1 of pictures with distortion. Most are distorted outwards; published values are −0.4 to 0.05.
 const K1: [f64; 2] = [-0.12, 0.15];
 /// Greatest k1 of these lenses, in OpenCV's convention.
 const GREATEST_K1: f64 = 0.05;
@@ -67,7 +67,7 @@ pub struct LensView {
     sides: [[Vec<f64>; KINDS]; SIDES],
 }
 
-/// Prior of the focal length before the lens is estimated: mean and sd of log focal length (px).
+/// Focal length for the prior of the lens: mean and sd of its log (px).
 pub type LogFocal = [f64; 2];
 
 impl LensView {
@@ -109,7 +109,7 @@ impl LensView {
     }
 
     /// Returns the lens and the sd of its distortion ([`Lens::distortion`], dimensionless), if the edges or the turns
-    /// show one. The cars are not used.
+    /// show one.
     #[must_use]
     pub fn found(&self, log_focal: LogFocal) -> Option<(Lens, f64)> {
         if self.turned.is_some_and(|[_, sd]| sd <= STRAIGHT_SD) {
@@ -170,16 +170,9 @@ impl LensView {
         let weights: Vec<f64> =
             logs.iter().zip(prior).map(|(log, prior)| (log - most).exp() * prior).collect();
         let sum: f64 = weights.iter().sum();
-        let mean_of = |value: &dyn Fn(f64) -> f64| {
-            self.distortions
-                .iter()
-                .zip(&weights)
-                .map(|(distortion, weight)| value(*distortion) * weight)
-                .sum::<f64>()
-                / sum
-        };
-        let mean = mean_of(&|distortion| distortion);
-        let variance = mean_of(&|distortion| (distortion - mean).powi(2));
+        let points = || self.distortions.iter().zip(&weights);
+        let mean = points().map(|(at, weight)| at * weight).sum::<f64>() / sum;
+        let variance = points().map(|(at, weight)| (at - mean).powi(2) * weight).sum::<f64>() / sum;
         let step = self.distortions.windows(2).map(|two| two[1] - two[0]).next().unwrap_or(STEP);
         (mean.is_finite() && variance.is_finite()).then(|| [mean, variance.sqrt().max(step)])
     }
@@ -248,7 +241,7 @@ pub(crate) fn normal_points() -> impl Iterator<Item = (f64, f64)> {
 }
 
 /// Returns the log of the sum of exponentials.
-fn log_sum(logs: impl Iterator<Item = f64> + Clone) -> f64 {
+pub(crate) fn log_sum(logs: impl Iterator<Item = f64> + Clone) -> f64 {
     let most = logs.clone().fold(f64::NEG_INFINITY, f64::max);
     most + logs.map(|log| (log - most).exp()).sum::<f64>().ln()
 }

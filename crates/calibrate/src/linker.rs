@@ -151,7 +151,7 @@ fn update(link: &mut Link, car: &CarRecord, time_s: f64) {
 }
 
 /// Returns the width and height of a box, px.
-fn size_px([x0, y0, x1, y1]: &[f64; 4]) -> (f64, f64) {
+pub(crate) fn size_px([x0, y0, x1, y1]: &[f64; 4]) -> (f64, f64) {
     ((x1 - x0).max(1e-3), (y1 - y0).max(1e-3))
 }
 

@@ -51,8 +51,8 @@ pub struct PlacesBuilder {
 
 impl PlacesBuilder {
     /// Creates a builder for a clip with this lens. `turned` is the mean and sd of the distortion ([`Lens::distortion`])
-    /// that the turns of the camera show. Only this is used for the focal length from turns: edges that are curved in
-    /// the world would make it wrong by more than its sd.
+    /// that the turns of the camera show. Only this is used for the focal length from turns. Edges that are curved in the
+    /// world would make it wrong by more than its sd.
     #[must_use]
     pub fn new(lens: Lens, turned: [f64; 2]) -> Self {
         Self { lens, turned, ..Self::default() }
@@ -63,14 +63,14 @@ impl PlacesBuilder {
         let Some(watch) = frame.watch.as_ref().filter(|watch| watch.looked) else { return };
         let size = frame.image_size_px;
         self.size = Some(size);
-        let bend = self.lens.distortion(size);
         if let Some(registration) = watch.motion.first() {
             let misfits = self.misfits.entry(registration.reference).or_default();
             let [mean, sd] = self.turned;
-            for (misfit, bend) in misfits.iter_mut().zip([mean, mean + sd]) {
-                misfit.add(registration, bend, size);
+            for (misfit, distortion) in misfits.iter_mut().zip([mean, mean + sd]) {
+                misfit.add(registration, distortion, size);
             }
         }
+        let distortion = self.lens.distortion(size);
         for (i, a) in watch.motion.iter().enumerate() {
             let time_s = frame.time_s;
             let start = Pictures { count: 0, first_s: time_s, last_s: time_s };
@@ -78,7 +78,7 @@ impl PlacesBuilder {
             (here.count, here.last_s) = (here.count + 1, here.last_s.max(time_s));
             for b in watch.motion.iter().skip(i + 1).filter(|b| b.reference != a.reference) {
                 let (from, to) = if a.reference < b.reference { (a, b) } else { (b, a) };
-                let link = from.homography_for(bend).then(&to.homography_for(bend).inverse());
+                let link = from.homography_for(distortion).then(&to.homography_for(distortion).inverse());
                 let variance = a.sd_px.powi(2) + b.sd_px.powi(2) + LEAST_SD_PX.powi(2);
                 let sum = self.links.entry((from.reference, to.reference)).or_default();
                 sum.weight += variance.recip();
@@ -91,8 +91,8 @@ impl PlacesBuilder {
     #[must_use]
     pub fn finish(mut self) -> Places {
         let Some(size) = self.size else { return Places { lens: self.lens, ..Places::default() } };
-        // A camera that is carried along shows no place: parallax makes its pictures differ.
         let is_measured = !self.pictures.is_empty();
+        // A camera that is carried along shows no place: parallax makes its pictures differ.
         let of_travels = self.misfits.iter().filter(|(_, [misfit, _])| misfit.is_travelling());
         let travelling: BTreeSet<u64> = of_travels.map(|(reference, _)| *reference).collect();
         self.pictures.retain(|reference, _| !travelling.contains(reference));
@@ -186,7 +186,7 @@ pub(crate) struct Placed {
 pub struct Places {
     lens: Lens,
     references: BTreeMap<u64, Placed>,
-    /// References on which the pictures do not lie as those of a camera that turns and zooms.
+    /// References whose pictures show that the camera is carried along.
     pub(crate) travelling: BTreeSet<u64>,
     /// Whether the motion of the camera was measured. Files of older versions and of other tools lack it.
     pub is_measured: bool,

@@ -53,11 +53,11 @@ impl ViewSelector {
     pub fn push(&mut self, frame: &FrameRecord, links: &[LinkId]) {
         for (car, &link) in frame.cars.iter().zip(links) {
             *self.seen.entry(link).or_default() += 1;
-            let Some(view) = view_of(frame, car, link) else { continue };
+            let Some(observation) = observation_of(frame, car, link) else { continue };
             match self.open.get_mut(&link) {
-                Some(open) if !open.is_left_by(car) => open.push(view),
+                Some(open) if !open.is_left_by(car) => open.push(observation),
                 _ => {
-                    if let Some(left) = self.open.insert(link, OpenView::new(view)) {
+                    if let Some(left) = self.open.insert(link, OpenView::new(observation)) {
                         self.candidates.extend(left.view());
                         self.moved.insert(link);
                     }
@@ -124,10 +124,10 @@ impl ViewSelector {
 }
 
 /// Returns the observation of a car in a frame; `None` where it does not meet the requirements.
-fn view_of(frame: &FrameRecord, car: &CarRecord, link: LinkId) -> Option<View> {
+fn observation_of(frame: &FrameRecord, car: &CarRecord, link: LinkId) -> Option<View> {
     let keypoints = car.keypoints.as_ref()?;
-    let seen: f64 = keypoints.iter().flatten().map(|point| point.score).sum();
-    if car.class != VehicleClass::Car || car.longer_side_px() < MIN_SIDE_PX || seen < MIN_KEYPOINTS {
+    let scores: f64 = keypoints.iter().flatten().map(|point| point.score).sum();
+    if car.class != VehicleClass::Car || car.longer_side_px() < MIN_SIDE_PX || scores < MIN_KEYPOINTS {
         return None;
     }
     // A part of the car may lie outside the picture.
@@ -139,7 +139,7 @@ fn view_of(frame: &FrameRecord, car: &CarRecord, link: LinkId) -> Option<View> {
         parked: false,
         bbox_px: car.bbox_px,
         picture_px: frame.picture_px(),
-        quality: car.score * seen * car.longer_side_px() * whole,
+        quality: car.score * scores * car.longer_side_px() * whole,
         keypoints: keypoints.clone(),
     })
 }

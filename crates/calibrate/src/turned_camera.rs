@@ -23,8 +23,8 @@ fn turned_camera(
 }
 
 /// Returns the camera after a turn and a zoom, and the information on it. `homography` maps undistorted pixels of its
-/// picture to those of the turned camera, and `centre_px` is the principal point of both. The mean of the information is
-/// the estimate of the camera, before the turn and after it. `None` if the homography is no turn.
+/// picture to those of the turned camera, and `centre_px` is the principal point of both. Both before and
+/// after the turn, the mean of the information is the camera itself. `None` if the homography is no turn.
 #[must_use]
 pub fn turned_information(
     camera: &CameraParams,

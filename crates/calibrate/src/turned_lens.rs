@@ -9,8 +9,7 @@ use std::collections::BTreeMap;
 use roadplane_base::Registration;
 
 /// Largest number of pictures of a reference that count as independent. The error of the reference itself is in all of
-/// them. Fitted to the focal lengths of 30 rendered pans: with 10, their errors have an rms of one sd. The
-/// value is a little more cautious.
+/// them. With 10, the errors of the focal lengths of 30 rendered pans have an rms of one sd; 8 is a little more cautious.
 pub(crate) const INDEPENDENT: f64 = 8.0;
 
 /// Mean and sd of the distortion that the turns of the camera show, without unit ([`roadplane_base::Lens::distortion`]).
@@ -26,11 +25,11 @@ struct Sums {
 }
 
 impl Sums {
-    fn add(&mut self, bend: f64, weight: f64) {
+    fn add(&mut self, distortion: f64, weight: f64) {
         self.count += 1.0;
         self.weight += weight;
-        self.first += weight * bend;
-        self.second += weight * bend * bend;
+        self.first += weight * distortion;
+        self.second += weight * distortion * distortion;
     }
 
     fn mean(&self) -> f64 {
@@ -76,8 +75,8 @@ mod tests {
     use super::*;
     use roadplane_base::RegisteredLens;
 
-    fn registration(reference: u64, bend: f64, sd: f64) -> Registration {
-        let lens = Some(RegisteredLens { bend, sd, change: [0.0; 8] });
+    fn registration(reference: u64, distortion: f64, sd: f64) -> Registration {
+        let lens = Some(RegisteredLens { bend: distortion, sd, change: [0.0; 8] });
         Registration { reference, homography: None, sd_px: 0.1, lens }
     }
 
@@ -86,8 +85,8 @@ mod tests {
         let mut builder = TurnedLensBuilder::default();
         assert_eq!(builder.finish(), None);
         (0..100).for_each(|_| builder.push(&registration(0, -0.03, 0.002)));
-        let [bend, sd] = builder.finish().unwrap();
-        assert!((bend + 0.03).abs() < 1e-12 && (sd - 0.002 / INDEPENDENT.sqrt()).abs() < 1e-9);
+        let [distortion, sd] = builder.finish().unwrap();
+        assert!((distortion + 0.03).abs() < 1e-12 && (sd - 0.002 / INDEPENDENT.sqrt()).abs() < 1e-9);
     }
 
     #[test]
@@ -95,7 +94,7 @@ mod tests {
         let mut builder = TurnedLensBuilder::default();
         builder.push(&registration(0, -0.03, 0.002));
         builder.push(&registration(40, 0.01, 0.002));
-        let [bend, sd] = builder.finish().unwrap();
-        assert!((bend + 0.01).abs() < 1e-12 && sd > 0.015, "{bend} ± {sd}");
+        let [distortion, sd] = builder.finish().unwrap();
+        assert!((distortion + 0.01).abs() < 1e-12 && sd > 0.015, "{distortion} ± {sd}");
     }
 }

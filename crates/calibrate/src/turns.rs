@@ -22,8 +22,8 @@ const LEAST_TURN: f64 = 0.02;
 /// Measured on references: at most 1.6 for 30 rendered pans and 20 films. Rendered cameras that are carried at 8 m/s have
 /// 1.2 to 8, as their references soon leave the view. The plane of a road that is passed at 1 m/s has 32 to 154.
 const TRAVELLING: f64 = 3.0;
-/// Largest half χ² of one picture in that decision: twice the limit. So the decision needs half of the pictures, and a
-/// few registrations on vehicles that fill the picture do not make it.
+/// Largest half χ² that one picture adds in that decision: twice the mean that counts as travelling. So the decision
+/// needs half of the pictures. A few registrations on vehicles that fill the picture do not make it.
 const MOST_MISFIT: f64 = 5.0 * TRAVELLING * TRAVELLING;
 /// Least sd of a registration, px. Errors of neighbouring blocks are alike, which its own sd leaves out. `places.rs`
 /// adds it to the sds of a link, so that no link is exact.
@@ -55,10 +55,10 @@ pub struct Turns {
 }
 
 impl Misfit {
-    /// Adds a picture that was registered on this reference, seen through a lens with the distortion `bend`
+    /// Adds a picture that was registered on this reference, seen through a lens with the distortion `distortion`
     /// ([`roadplane_base::Lens::distortion`]).
-    pub(crate) fn add(&mut self, registration: &Registration, bend: f64, size: ImageSize) {
-        let mapping = registration.homography_for(bend);
+    pub(crate) fn add(&mut self, registration: &Registration, distortion: f64, size: ImageSize) {
+        let mapping = registration.homography_for(distortion);
         let unit = f64::from(size.width) / 2.0;
         if mapping.displacement(&size.picture_px()) < 2.0 * LEAST_TURN * unit {
             return;
@@ -66,7 +66,8 @@ impl Misfit {
         let mapping = centred(&mapping, size);
         let aspect = f64::from(size.height) / f64::from(size.width);
         let sd = registration.sd_px.max(LEAST_SD_PX) / unit;
-        let of_lens = registration.lens.map_or(0.0, |lens| 0.5 * ((lens.bend - bend) / lens.sd).powi(2));
+        let of_lens =
+            registration.lens.map_or(0.0, |lens| 0.5 * ((lens.bend - distortion) / lens.sd).powi(2));
         let all: Option<Vec<[f64; 2]>> =
             (0..GRID).map(|i| remaining(&mapping, focal_at(i), aspect)).collect();
         // A mapping that is near no turn at all gives no evidence: it would make each focal length impossible.
@@ -101,7 +102,7 @@ impl Misfit {
     /// Whether no turn and zoom explain how the pictures lie on the reference. The camera is then carried along.
     pub(crate) fn is_travelling(&self) -> bool {
         let least = self.in_view.iter().copied().fold(f64::INFINITY, f64::min);
-        // Four of the nine numbers are fitted: those of the homography and the distortion.
+        // A homography and a distortion are nine numbers. The rotation and the zoom fit four of them.
         self.count > 0.0 && 2.0 * least > 5.0 * self.count * TRAVELLING * TRAVELLING
     }
 
@@ -139,9 +140,9 @@ fn centred(mapping: &Homography, size: ImageSize) -> Homography {
     mapping.in_coordinates(1.0, -size.centre_px()).in_coordinates(1.0 / unit, Vector2::zeros())
 }
 
-/// Returns the mean squared distance per coordinate between a mapping and the nearest `K_g R K⁻¹` of a focal length: over
-/// the whole picture, and over the part that both pictures show. Lengths are in half widths of the picture, from its
-/// middle.
+/// Returns the mean squared distance per coordinate between a mapping and the nearest `K_g R K⁻¹` of a focal length. The
+/// first number is that over the whole picture, the second that over the part that both pictures show. Lengths are in
+/// half widths of the picture, from its middle.
 ///
 /// Only the common part was measured, so a wrong distance elsewhere is no proof that the camera is carried along.
 fn remaining(mapping: &Homography, focal: f64, aspect: f64) -> Option<[f64; 2]> {
@@ -210,7 +211,7 @@ mod tests {
         Registration { reference: 0, homography: Some(mapping.numbers()), sd_px, lens: None }
     }
 
-    /// Returns the misfit of a camera that turns as `at` says: pan, tilt, roll, growth at a time 0–1.
+    /// Returns the focal length from a turning camera. `at` gives pan, tilt, roll and growth at a time 0–1.
     fn turned(focal_px: f64, noise_px: f64, at: impl Fn(f64) -> [f64; 4]) -> Option<Turns> {
         let mut misfit = Misfit::default();
         for i in 0..100_u32 {

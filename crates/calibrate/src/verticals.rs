@@ -4,8 +4,8 @@
 //! vertical lines meet in one point or are parallel. This point and the horizon lie on opposite sides of the principal
 //! point. The product of their distances is focal² (Caprile and Torre 1990).
 //!
-//! At the pixel p a vertical line runs along `(sin roll, −cos roll) + inverse_distance · p`. Here `inverse_distance` is
-//! the inverse distance of the vertical vanishing point, tan(tilt) / focal, 1/px.
+//! At the pixel p a vertical line runs along `(sin roll, −cos roll) + d · p`. Here d, the `inverse_distance`, is one over
+//! the distance of the vertical vanishing point from the principal point: tan(tilt) / focal, 1/px.
 //!
 //! Edges are a mixture. An unknown share is vertical up to a lean and the edge's own sd; the others point anywhere. The
 //! inverse distance, the roll and the lens distortion are searched on a grid ([`field`](self::field)). Edges beside
@@ -24,7 +24,7 @@ use roadplane_base::{Camera, CameraEstimate, SceneLine};
 use self::field::{Field, Node};
 use crate::factors::{VerticalVanishingPoint, WEAKEST};
 use crate::lens::{
-    LEAST_GAIN, MOST_EDGES, STRAIGHT_SD, distortion_of_lenses, greatest_distortion, normal_points,
+    LEAST_GAIN, MOST_EDGES, STRAIGHT_SD, distortion_of_lenses, greatest_distortion, log_sum, normal_points,
 };
 
 /// The vertical of a scene.
@@ -38,14 +38,14 @@ pub struct Verticals {
     pub upright: Vec<bool>,
 }
 
-/// Estimates the vertical of the scene from its edges and the camera that the cars alone determine.
+/// Estimates the vertical of the scene from its edges and the camera that all other evidence gives.
 ///
 /// `None` where the edges do not show a vertical, or where it hardly determines the focal length.
 #[must_use]
-pub fn verticals(lines: &[SceneLine], cars: &CameraEstimate) -> Option<Verticals> {
-    let prior = Prior::of(cars)?;
-    let width = f64::from(cars.image_size_px.width);
-    let field = Field::new(&lines[..lines.len().min(MOST_EDGES)], &cars.principal_point_px, width);
+pub fn verticals(lines: &[SceneLine], camera: &CameraEstimate) -> Option<Verticals> {
+    let prior = Prior::of(camera)?;
+    let width = f64::from(camera.image_size_px.width);
+    let field = Field::new(&lines[..lines.len().min(MOST_EDGES)], &camera.principal_point_px, width);
     let (best, gain) = search(&field, &prior)?;
     if gain.is_nan() || gain < LEAST_GAIN {
         return None;
@@ -66,11 +66,11 @@ pub fn verticals(lines: &[SceneLine], cars: &CameraEstimate) -> Option<Verticals
     if !(inverse_distance > 0.0 && log_focal_sd < WEAKEST) {
         return None;
     }
-    let upright = field.trust(&mean).into_iter().map(|trust| trust > 0.5).collect();
+    let upright = field.probabilities(&mean).into_iter().map(|probability| probability > 0.5).collect();
     Some(Verticals { factor: VerticalVanishingPoint { inverse_distance, roll, covariance }, gain, upright })
 }
 
-/// Prior of the vertical and the lens from the cars.
+/// Prior of the vertical and the lens from the camera.
 struct Prior {
     focal_px: f64,
     log_focal_sd: f64,
@@ -78,7 +78,8 @@ struct Prior {
     horizon: [f64; 2],
     /// Roll and its sd, rad.
     roll: [f64; 2],
-    /// Mean and sd of the lens distortion: the share by which the half width is drawn in.
+    /// Mean and sd of the lens distortion: the share by which the half width is drawn in
+    /// (negative) or out.
     lens: [f64; 2],
     /// Greatest lens distortion, with a soft limit of sd [`STRAIGHT_SD`].
     ///
@@ -87,32 +88,32 @@ struct Prior {
 }
 
 impl Prior {
-    /// Builds the prior from the camera of the cars; `None` where they do not determine the horizon.
-    fn of(cars: &CameraEstimate) -> Option<Self> {
-        let (tilt, focal_px) = (cars.params.tilt, cars.params.focal_px());
-        let covariance = &cars.covariance;
+    /// Builds the prior from the camera; `None` where it does not determine the horizon.
+    fn of(camera: &CameraEstimate) -> Option<Self> {
+        let (tilt, focal_px) = (camera.params.tilt, camera.params.focal_px());
+        let covariance = &camera.covariance;
         let by = nalgebra::Vector4::new(focal_px * tilt.tan(), focal_px / tilt.cos().powi(2), 0.0, 0.0);
         let horizon = [by.x, by.dot(&(covariance * by)).max(0.0).sqrt()];
         // The method multiplies with the horizon's distance, so the ground must lie below a determined horizon.
         if !(horizon[0] > 2.0 * horizon[1] && horizon[1].is_finite()) {
             return None;
         }
-        let size = cars.image_size_px;
-        let (lens, greatest_lens) = match cars.distortion_sd {
+        let size = camera.image_size_px;
+        let (lens, greatest_lens) = match camera.distortion_sd {
             None => (distortion_of_lenses(focal_px, size), greatest_distortion(focal_px, size)),
-            Some(sd) => ([cars.lens.distortion(size), sd.max(STRAIGHT_SD)], f64::INFINITY),
+            Some(sd) => ([camera.lens.distortion(size), sd.max(STRAIGHT_SD)], f64::INFINITY),
         };
         Some(Self {
             focal_px,
             log_focal_sd: covariance[(0, 0)].sqrt(),
             horizon,
-            roll: [cars.params.roll, 1.5 * covariance[(2, 2)].sqrt()],
+            roll: [camera.params.roll, 1.5 * covariance[(2, 2)].sqrt()],
             lens,
             greatest_lens,
         })
     }
 
-    /// Returns the density of an inverse distance `inverse_distance` (1/px), up to a constant.
+    /// Returns the density of an inverse distance (1/px), up to a constant.
     ///
     /// It averages over the focal length along the horizon, and over slopes of the road.
     fn of_inverse_distance(&self, inverse_distance: f64) -> f64 {
@@ -120,9 +121,9 @@ impl Prior {
             let focal_px = self.focal_px * (z * self.log_focal_sd).exp();
             let tilt = (self.horizon[0] / focal_px).atan();
             let horizon_sd = 2.0 * self.horizon[1] / focal_px * tilt.cos().powi(2);
-            let seen = inverse_distance * focal_px;
-            let per_inverse_distance = focal_px / (1.0 + seen * seen);
-            weight * sloped(seen.atan() - tilt, horizon_sd) * per_inverse_distance
+            let tan = inverse_distance * focal_px;
+            let angle_by_inverse_distance = focal_px / (1.0 + tan * tan);
+            weight * sloped(tan.atan() - tilt, horizon_sd) * angle_by_inverse_distance
         };
         normal_points().map(density).sum()
     }
@@ -167,9 +168,7 @@ fn search(field: &Field, prior: &Prior) -> Option<(Node, f64)> {
     let inverse_distances: Vec<(f64, f64)> = (1..count(1.0))
         .map(|i| {
             let angle = (f64::from(i) - 0.5) * SEARCH_STEP;
-            (angle.tan() / half, SEARCH_STEP / angle.cos().powi(2) / half)
-        })
-        .map(|(inverse_distance, step)| {
+            let (inverse_distance, step) = (angle.tan() / half, SEARCH_STEP / angle.cos().powi(2) / half);
             (inverse_distance, step * prior.of_inverse_distance(inverse_distance))
         })
         .collect();
@@ -198,8 +197,7 @@ fn search(field: &Field, prior: &Prior) -> Option<(Node, f64)> {
         }
     }
     let best = found.iter().copied().reduce(|a, b| if b.1 > a.1 { b } else { a })?;
-    let sum: f64 = found.iter().map(|(_, log)| (log - best.1).exp()).sum();
-    Some((best.0, best.1 + sum.ln()))
+    Some((best.0, log_sum(found.iter().map(|(_, log)| *log))))
 }
 
 /// Returns the mean node and the covariance of (`inverse_distance`, roll, lens), given the edges and the lens prior and
@@ -216,25 +214,25 @@ fn moments(field: &Field, prior: &Prior, best: Node) -> Option<(Node, Matrix3<f6
             mean + Vector3::new(f64::from(i), f64::from(k), f64::from(l)).component_mul(&sd) * REACH
                 / f64::from(STEPS)
         };
-        let mut told: Vec<(Node, f64)> = Vec::new();
+        let mut nodes: Vec<(Node, f64)> = Vec::new();
         for l in -STEPS..=STEPS {
             let lens = reach(0, 0, l).z;
             let (seen, of_lens) = (field.undistorted(lens), prior.of_lens(lens).max(f64::MIN_POSITIVE).ln());
-            let nodes = (-STEPS..=STEPS).flat_map(|i| (-STEPS..=STEPS).map(move |k| (i, k)));
-            told.extend(
-                nodes
+            let steps = (-STEPS..=STEPS).flat_map(|i| (-STEPS..=STEPS).map(move |k| (i, k)));
+            nodes.extend(
+                steps
                     .map(|(i, k)| reach(i, k, l))
                     .map(|node| (node, of_lens + field.log_ratio(&seen, &node))),
             );
         }
-        let most = told.iter().map(|(_, log)| *log).fold(f64::NEG_INFINITY, f64::max);
-        for (_, log) in &mut told {
+        let most = nodes.iter().map(|(_, log)| *log).fold(f64::NEG_INFINITY, f64::max);
+        for (_, log) in &mut nodes {
             *log = (*log - most).exp();
         }
-        let total: f64 = told.iter().map(|(_, weight)| weight).sum();
-        mean = told.iter().map(|(node, weight)| node * *weight).sum::<Node>() / total;
+        let total: f64 = nodes.iter().map(|(_, weight)| weight).sum();
+        mean = nodes.iter().map(|(node, weight)| node * *weight).sum::<Node>() / total;
         let square = |(node, weight): &(Node, f64)| (node - mean) * (node - mean).transpose() * *weight;
-        covariance = told.iter().map(square).sum::<Matrix3<f64>>() / total;
+        covariance = nodes.iter().map(square).sum::<Matrix3<f64>>() / total;
         sd = covariance.diagonal().map(f64::sqrt);
     }
     let is_sound = covariance.iter().all(|v| v.is_finite()) && covariance.cholesky().is_some();

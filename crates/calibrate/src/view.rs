@@ -2,7 +2,10 @@
 
 use roadplane_base::{CarRecord, KeypointSet, bbox_centre, bbox_longer_side, median};
 
-use crate::{LinkId, combine, linker::CENTRE_SD};
+use crate::{
+    LinkId, combine,
+    linker::{CENTRE_SD, size_px},
+};
 
 /// One view of one car. Views with the same `link` share one shape. Until the window ends, a view is a single
 /// observation with the weight 1.
@@ -53,9 +56,7 @@ impl OpenView {
     /// when the car turns by about 10° or comes nearer.
     pub(crate) fn is_left_by(&self, car: &CarRecord) -> bool {
         let Some(first) = self.observations.first() else { return true };
-        let sides = |[x0, y0, x1, y1]: &[f64; 4]| ((x1 - x0).max(1e-3), (y1 - y0).max(1e-3));
-        let (w0, h0) = sides(&first.bbox_px);
-        let (w1, h1) = sides(&car.bbox_px);
+        let ((w0, h0), (w1, h1)) = (size_px(&first.bbox_px), size_px(&car.bbox_px));
         let moved = (bbox_centre(&first.bbox_px) - bbox_centre(&car.bbox_px)).norm();
         let turned = ((w1 * h0) / (w0 * h1)).ln().abs();
         let scaled = ((w1 * h1) / (w0 * h0)).ln().abs() / 2.0;
@@ -82,20 +83,20 @@ impl OpenView {
 
     /// Returns the best observation. If most observations are stationary, the keypoints are combined over these.
     pub(crate) fn view(&self) -> Option<View> {
-        let axis = |axis: usize| {
-            median(&mut self.observations.iter().map(|l| bbox_centre(&l.bbox_px)[axis]).collect::<Vec<_>>())
+        let median_on = |axis: usize| {
+            median(
+                &mut self.observations.iter().map(|one| bbox_centre(&one.bbox_px)[axis]).collect::<Vec<_>>(),
+            )
         };
-        let middle = nalgebra::Vector2::new(axis(0)?, axis(1)?);
-        let away = |observation: &View| (bbox_centre(&observation.bbox_px) - middle).norm();
+        let middle = nalgebra::Vector2::new(median_on(0)?, median_on(1)?);
+        let away = |one: &View| (bbox_centre(&one.bbox_px) - middle).norm();
         let bound = CENTRE_SD * bbox_longer_side(&self.observations.first()?.bbox_px) + 1.0;
-        let still: Vec<&View> =
-            self.observations.iter().filter(|observation| away(observation) <= bound).collect();
+        let still: Vec<&View> = self.observations.iter().filter(|one| away(one) <= bound).collect();
         let by_quality = |a: &&View, b: &&View| a.quality.total_cmp(&b.quality).then(b.frame.cmp(&a.frame));
         if still.len() < 3 || 2 * still.len() < self.observations.len() {
             return self.observations.iter().max_by(by_quality).cloned();
         }
-        let sets: Vec<&KeypointSet> =
-            still.iter().map(|observation| observation.keypoints.as_ref()).collect();
+        let sets: Vec<&KeypointSet> = still.iter().map(|one| one.keypoints.as_ref()).collect();
         let best = still.into_iter().max_by(by_quality)?.clone();
         Some(View { keypoints: combine(&sets), parked: true, ..best })
     }

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Vector3};
 use roadplane_base::{Shape, ShapeAtlas, VehicleClass};
 
-/// Least length, width and height of bodies that are larger, m.
+/// Least length, width and height of a fitted body, m. A shorter side may become half as long.
 const LEAST_M: f64 = 1.0;
 /// Least sd of a track's size when the size is used for other detections of the vehicle, m.
 const AT_BEST_SD_M: f64 = 0.3;

@@ -70,8 +70,8 @@ pub struct GroundContact {
 /// `cut` marks the edges (left, top, right, bottom) at which the picture ends, and `hidden` those at which another vehicle
 /// hides this one. They only limit the vehicle: it does not end before them.
 ///
-/// `None` where the box's lower edge lies above the horizon. `None` also where that edge is cut off and only a label is
-/// known.
+/// `None` where the box's lower edge lies above the horizon, or where two opposite edges are cut off. `None` also where
+/// the lower edge is cut off and only a label is known.
 #[must_use]
 pub fn ground_contact(
     bbox_px: &[f64; 4],
@@ -110,11 +110,11 @@ pub fn ground_contact(
 }
 
 /// Position and size of a vehicle: x, y, length, width, height, m.
-type Place = SVector<f64, 5>;
+type Placement = SVector<f64, 5>;
 
 /// The fit of one body to the box.
 struct Fit {
-    place: Place,
+    placement: Placement,
     covariance: SMatrix<f64, 5, 5>,
     heading: f64,
     /// Log of the fit's weight in the mixture.
@@ -126,7 +126,7 @@ struct Linear {
     cost: f64,
     /// Its second derivatives.
     information: SMatrix<f64, 5, 5>,
-    gradient: Place,
+    gradient: Placement,
 }
 
 /// A box, and the body that is fitted to it.
@@ -150,46 +150,46 @@ impl Seen<'_> {
                 / 4.0;
         let precision = self.body.covariance.try_inverse()?;
         let dims = self.body.dims_m;
-        let mut place = Place::new(behind.x, behind.y, dims.x, dims.y, dims.z);
-        let mut here = self.linear(&place, &precision)?;
+        let mut placement = Placement::new(behind.x, behind.y, dims.x, dims.y, dims.z);
+        let mut here = self.linear(&placement, &precision)?;
         let least_m = self.body.least_m();
         for _ in 0..ROUNDS {
-            let mut trial = place - here.information.cholesky()?.solve(&here.gradient);
+            let mut trial = placement - here.information.cholesky()?.solve(&here.gradient);
             (0..3).for_each(|i| trial[2 + i] = trial[2 + i].max(least_m[i]));
             let Some(there) = self.linear(&trial, &precision) else { break };
             let gained = here.cost - there.cost;
             if gained.is_nan() || gained < 1e-3 {
                 break;
             }
-            (place, here) = (trial, there);
+            (placement, here) = (trial, there);
         }
         let Linear { cost, information, .. } = here;
         let factor = information.cholesky()?;
         let log_det = 2.0 * factor.l().diagonal().iter().map(|v| v.ln()).sum::<f64>();
         let log_prior = 0.5 * precision.determinant().ln();
         let log_weight = share.ln() - cost + log_prior - 0.5 * log_det;
-        Some(Fit { place, covariance: factor.inverse(), heading: self.heading, log_weight })
+        Some(Fit { placement, covariance: factor.inverse(), heading: self.heading, log_weight })
     }
 
     /// Linearises the negative log posterior at a position and size.
-    fn linear(&self, place: &Place, precision: &Matrix3<f64>) -> Option<Linear> {
+    fn linear(&self, placement: &Placement, precision: &Matrix3<f64>) -> Option<Linear> {
         let [x0, y0, x1, y1] = *self.bbox_px;
         let sd_px = EDGE_SD_PX + EDGE_SD_SHARE.hypot(OUTLINE_SD) * (x1 - x0).min(y1 - y0);
-        let inside = |place: &Place| {
-            let pose = GroundPose { x_m: place[0], y_m: place[1], heading_rad: self.heading };
-            let dims_m = place.fixed_rows::<3>(2).into_owned();
+        let inside = |placement: &Placement| {
+            let pose = GroundPose { x_m: placement[0], y_m: placement[1], heading_rad: self.heading };
+            let dims_m = placement.fixed_rows::<3>(2).into_owned();
             let at = body_box(self.view, &pose, self.body.class, &dims_m)?;
             Some(Vector4::from_fn(|i, _| OUTWARD[i] * (at[i] - self.bbox_px[i]) / sd_px))
         };
-        let here = inside(place)?;
+        let here = inside(placement)?;
         let mut derivatives = SMatrix::<f64, 4, 5>::zeros();
         for p in 0..5 {
-            let mut moved = *place;
+            let mut moved = *placement;
             moved[p] += STEP;
             derivatives.set_column(p, &((inside(&moved)? - here) / STEP));
         }
         let mut information = SMatrix::<f64, 5, 5>::zeros();
-        let mut gradient = Place::zeros();
+        let mut gradient = Placement::zeros();
         let mut cost = 0.0;
         for edge in (0..4).filter(|edge| !(self.goes_on[*edge] && here[*edge] > 0.0)) {
             let row = derivatives.row(edge);
@@ -197,7 +197,7 @@ impl Seen<'_> {
             gradient += row.transpose() * here[edge];
             cost += 0.5 * here[edge] * here[edge];
         }
-        let off = place.fixed_rows::<3>(2) - self.body.dims_m;
+        let off = placement.fixed_rows::<3>(2) - self.body.dims_m;
         let mut sizes = information.fixed_view_mut::<3, 3>(2, 2);
         sizes += precision;
         let mut pull = gradient.fixed_rows_mut::<3>(2);
@@ -218,17 +218,17 @@ fn mixture(fits: &[Fit], step: f64) -> Option<GroundContact> {
     if !(total.is_finite() && total > 0.0) {
         return None;
     }
-    let mut mean = Place::zeros();
+    let mut mean = Placement::zeros();
     let mut axis = Vector2::zeros();
     for (fit, weight) in fits.iter().zip(&weights) {
-        mean += fit.place * (weight / total);
+        mean += fit.placement * (weight / total);
         axis += Vector2::new((2.0 * fit.heading).cos(), (2.0 * fit.heading).sin()) * (weight / total);
     }
     let heading_rad = axis.y.atan2(axis.x) / 2.0;
     let mut spread = SMatrix::<f64, 5, 5>::zeros();
     let (mut by_heading, mut turned_square) = (Vector2::zeros(), 0.0);
     for (fit, weight) in fits.iter().zip(&weights) {
-        let off = fit.place - mean;
+        let off = fit.placement - mean;
         spread += (fit.covariance + off * off.transpose()) * (weight / total);
         let turned = fold_axis(fit.heading - heading_rad);
         by_heading += off.fixed_rows::<2>(0) * (turned * weight / total);

@@ -9,7 +9,7 @@
 //! outline.rs         the projected outline of a body: its box in the picture
 //! filled_boxes.rs    the boxes of a vehicle in frames in which it is not detected
 //! edge.rs            an edge of a box: the body's own, or something hides the body there
-//! hidden.rs          edges at which another vehicle or the border of the picture hides the body
+//! hidden.rs          edges at which another vehicle hides the body
 //! ground_contact.rs  pose and size of a vehicle from its box
 //! cars.rs            pose and shape of a car from its keypoints
 //! fit_check.rs       whether a fit of a car is valid

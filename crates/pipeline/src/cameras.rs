@@ -3,6 +3,7 @@
 //! The result is one estimate per interval with a constant camera.
 
 pub(crate) mod camera_track;
+pub(crate) mod database;
 pub(crate) mod empty_scene_view;
 pub(crate) mod estimate;
 pub(crate) mod frame;
@@ -10,7 +11,6 @@ pub(crate) mod joining;
 pub(crate) mod known;
 pub(crate) mod krtd;
 pub(crate) mod lens;
-pub(crate) mod memory;
 pub(crate) mod optics;
 mod second_plane;
 mod stored;

@@ -13,9 +13,9 @@ use roadplane_track::{ClockReader, Evidence, Join, Track, TrackStep};
 use roadplane_write::{FrameReader, PoseLines, RunStatus, read_jsonl};
 
 use crate::cameras::camera_track::CameraTrack;
+use crate::cameras::database::CameraHistory;
 use crate::cameras::estimate::{CameraInputs, optics_of};
 use crate::cameras::known::{contradiction, in_first_picture, not_compared_in_words};
-use crate::cameras::memory::CameraHistory;
 use crate::not_followed::{FollowCount, NotFollowed};
 use crate::tracks::known::tracked_cars;
 use crate::tracks::pass::{Pass, Tally};
@@ -199,7 +199,7 @@ pub(crate) fn solve_constrained_clip(
         optics: &optics,
         atlas,
         known: &constraints,
-        recall: history,
+        history,
         scene: given.empty_scene,
         may_fold: !matches!(site, Some(Site::Points(_))),
         config,

@@ -8,7 +8,7 @@
 //!                run on the frames that cadence.rs chooses, each in its own thread (streaming.rs, flow.rs).
 //!                watched.rs, scene_lines.rs, stills.rs, samples.rs and speed.rs collect further data from the frames
 //! cameras/       estimates the camera over time from the frames (estimate.rs), in time windows (window.rs). Further
-//!                inputs are lines of the scene, user constraints (known.rs), the camera database (memory.rs) and the
+//!                inputs are lines of the scene, user constraints (known.rs), the camera database (database.rs) and the
 //!                lens (lens.rs). joining.rs has the options for joining windows and clips
 //! tracks/        estimates tracks from the frames and the camera: one pass over a time chunk (pass.rs, scene.rs), lines
 //!                of poses.jsonl (poses.rs), rows of tracks (rows.rs)
@@ -43,10 +43,10 @@ mod tracks;
 mod traffic;
 
 pub use activities::{activity_file, track_motion};
+pub use cameras::database::{CameraDatabase, StoredCamera, merge_cameras, stored_cameras};
 pub use cameras::frame::PLANE_TERMS;
 pub use cameras::known::{CameraConstraints, ConstraintOptions, Measured};
 pub use cameras::krtd::{Krtd, read_krtd};
-pub use cameras::memory::{CameraDatabase, StoredCamera, merge_cameras, stored_cameras};
 pub use cancel::Cancel;
 pub use commands::bench::{DecodeCost, forget_peak_memory, measure_decoding};
 pub use commands::colours::track_colours;

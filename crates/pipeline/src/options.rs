@@ -6,7 +6,7 @@ use roadplane_geo::Site;
 use roadplane_write::{Existing, RunStatus};
 
 use crate::CameraConstraints;
-use crate::cameras::memory::CameraDatabase;
+use crate::cameras::database::CameraDatabase;
 
 /// Options of [`run_input`](crate::run_input) that are not in the configuration.
 #[derive(Clone, Debug)]

@@ -22,7 +22,7 @@ use roadplane_view::RoadPicture;
 use roadplane_write::{OutFile, Summary};
 
 use crate::PipelineError;
-use crate::cameras::memory::CameraId;
+use crate::cameras::database::CameraId;
 use crate::config::TrafficConfig;
 use gates_file::GatesFile;
 use read_runs::{RunClip, read_input, read_run};

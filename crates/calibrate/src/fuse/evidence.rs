@@ -76,7 +76,7 @@ impl Evidence {
     }
 
     /// Converts the evidence to other coordinates. `from` and `to` are the same camera in the old and in the new
-    /// coordinates, and `by` is the derivative of the old by the new ones there.
+    /// coordinates. `by` is the derivative of the old coordinates by the new ones there.
     pub(super) fn moved(&self, by: &Matrix4<f64>, from: &Vector4<f64>, to: &Vector4<f64>) -> Self {
         let information = by.transpose() * self.information * by;
         let information = (information + information.transpose()) / 2.0;
@@ -86,8 +86,8 @@ impl Evidence {
 
     /// Returns the mean and covariance; `None` where the information is singular.
     fn moments(&self) -> Option<(Vector4<f64>, Matrix4<f64>)> {
-        let factor = self.information.cholesky()?;
-        Some((factor.solve(&self.weighted), factor.inverse()))
+        let cholesky = self.information.cholesky()?;
+        Some((cholesky.solve(&self.weighted), cholesky.inverse()))
     }
 
     /// Returns this evidence with `other` subtracted.

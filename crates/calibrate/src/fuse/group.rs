@@ -104,7 +104,7 @@ pub fn condense(windows: &[WindowEstimate], options: &FuseOptions) -> Option<Win
         params: CameraParams::from_vector(&mean(&joint, options)?),
         joint,
         cars,
-        segment: first.segment,
+        position: first.position,
     })
 }
 

@@ -76,8 +76,8 @@ pub(super) fn smooth(nodes: &[Node], options: &FuseOptions) -> Vec<Gaussian> {
     let mut smoothed = filtered.clone();
     let kept = Square::from_diagonal(&shared);
     for i in (0..nodes.len().saturating_sub(1)).rev() {
-        let Some(factor) = predicted[i + 1].1.cholesky() else { continue };
-        let gain = factor.solve(&(kept * filtered[i].1)).transpose();
+        let Some(cholesky) = predicted[i + 1].1.cholesky() else { continue };
+        let gain = cholesky.solve(&(kept * filtered[i].1)).transpose();
         let Gaussian(mean, covariance) = smoothed[i + 1];
         smoothed[i].0 += gain * (mean - predicted[i + 1].0);
         smoothed[i].1 += gain * (covariance - predicted[i + 1].1) * gain.transpose();
@@ -104,7 +104,7 @@ fn update(before: &Gaussian, Node { cars, metres, .. }: &Node) -> Gaussian {
     let mut information = prior + into.transpose() * metres.information * into;
     let mut of_camera = information.fixed_view_mut::<4, 4>(0, 0);
     of_camera += cars.information;
-    let Some(factor) = information.cholesky() else { return *before };
+    let Some(cholesky) = information.cholesky() else { return *before };
     let weighted = prior * before.0 + cars.weighted.push(0.0) + into.transpose() * metres.weighted;
-    Gaussian(factor.solve(&weighted), factor.inverse())
+    Gaussian(cholesky.solve(&weighted), cholesky.inverse())
 }

@@ -30,8 +30,9 @@ pub struct FuseOptions {
     /// Lens distortion with which the windows were solved.
     pub lens: Lens,
     /// Sd of the distortion ([`Lens::distortion`]); `None` where neither the picture nor the user determines it.
-    pub bend_sd: Option<f64>,
-    /// Other factors on the camera, by camera position ([`WindowEstimate::segment`](crate::WindowEstimate::segment)). Each factor is counted once.
+    pub distortion_sd: Option<f64>,
+    /// Other factors on the camera, by camera position ([`WindowEstimate::position`](crate::WindowEstimate::position)).
+    /// Each factor is counted once.
     pub factors: BTreeMap<usize, Vec<Factor>>,
     /// Whether the positions are the two planes of a folded ground below one camera ([`Fold`](crate::Fold)).
     pub is_folded: bool,
@@ -56,7 +57,7 @@ impl FuseOptions {
             image_size_px: self.image_size_px,
             principal_point_px: self.image_size_px.centre_px(),
             lens: self.lens,
-            distortion_sd: self.bend_sd,
+            distortion_sd: self.distortion_sd,
             params: self.prior,
             covariance: Matrix4::from_diagonal(&self.prior_sd.map(|sd| sd * sd)),
             status: CameraStatus::Unobservable,
@@ -86,7 +87,7 @@ impl FuseOptions {
             prior_sd,
             shared_sd: [0.0; SHARED_ERRORS],
             lens: Lens::STRAIGHT,
-            bend_sd: None,
+            distortion_sd: None,
             factors: BTreeMap::new(),
             is_folded: false,
             size_of_cars_sd: 0.0,

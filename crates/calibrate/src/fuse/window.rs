@@ -39,20 +39,20 @@ pub struct WindowEstimate {
     /// Cars that were used.
     pub cars: Vec<CarUse>,
     /// Index of the camera position, from 0, as in [`Window`](crate::Window).
-    pub segment: usize,
+    pub position: usize,
 }
 
 impl WindowEstimate {
     /// Returns a window without cars.
     #[must_use]
-    pub fn without_cars(options: &FuseOptions, span_s: [f64; 2], segment: usize) -> Self {
+    pub fn without_cars(options: &FuseOptions, span_s: [f64; 2], position: usize) -> Self {
         Self {
             span_s,
             frames: 0,
             params: options.prior,
             joint: JointInformation::none(),
             cars: Vec::new(),
-            segment,
+            position,
         }
     }
 }

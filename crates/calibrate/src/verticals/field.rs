@@ -31,7 +31,7 @@ pub(super) struct Edge {
 
 /// The edges of a picture.
 pub(super) struct Field {
-    /// The edges, with the lens distortion of the picture.
+    /// The edges as the picture shows them, with its lens distortion.
     edges: Vec<Edge>,
     /// Sd of each edge's direction, including the lean, rad.
     sds: Vec<f64>,
@@ -106,19 +106,19 @@ impl Field {
 
     /// Returns the probability that each edge is vertical at a node, with the most probable share of vertical edges
     /// there.
-    pub(super) fn trust(&self, node: &Node) -> Vec<f64> {
+    pub(super) fn probabilities(&self, node: &Node) -> Vec<f64> {
         let seen = self.undistorted(node.z);
         let odds: Vec<f64> =
             seen.iter().enumerate().map(|(i, edge)| self.odds(i, edge, node).unwrap_or(0.0)).collect();
-        let trusts =
+        let probabilities =
             |share: f64| odds.iter().map(|odds| share * odds / (1.0 - share + share * odds)).collect();
         let mut share = 0.5;
         let weight: f64 = self.weights.iter().sum();
         for _ in 0..20 {
-            let trusts: Vec<f64> = trusts(share);
-            let upright: f64 = trusts.iter().zip(&self.weights).map(|(t, w)| t * w).sum();
+            let here: Vec<f64> = probabilities(share);
+            let upright: f64 = here.iter().zip(&self.weights).map(|(t, w)| t * w).sum();
             share = (upright / weight).clamp(0.02, 0.98);
         }
-        trusts(share)
+        probabilities(share)
     }
 }

@@ -31,7 +31,7 @@ fn window(index: usize, params: &Vector4<f64>, cars: Vec<CarUse>) -> WindowEstim
         params: CameraParams::from_vector(params),
         joint: JointInformation::of_camera(&covariance().try_inverse().unwrap(), params),
         cars,
-        segment: 0,
+        position: 0,
     }
 }
 
@@ -149,7 +149,7 @@ fn two_planes_share_their_focal_length_and_two_positions_share_nothing() {
             let first = 10 * i as u64;
             let mut w = window(i, &(at + draw(&mut random)), parked(first..first + 10));
             if i >= 6 {
-                w.segment = 1;
+                w.position = 1;
             }
             w
         })
@@ -308,7 +308,7 @@ fn a_camera_by_cars_shares_their_error_and_a_survey_does_not() {
 #[test]
 fn a_length_at_one_position_tells_the_size_of_cars_at_all() {
     let mut windows = [window(0, &truth(), parked(0..9)), window(1, &truth(), parked(9..18))];
-    windows[1].segment = 1;
+    windows[1].position = 1;
     let sd = |factors: &[Factor]| {
         let factors = [(0, factors.into())].into();
         fuse(&windows, &FuseOptions { factors, size_of_cars_sd: 0.04, ..options() })[1].covariance[(3, 3)]

@@ -29,7 +29,7 @@ fn windows(moves: &[(u64, Option<usize>)]) -> Vec<Window> {
 
 /// Returns the position and the number of frames of each window.
 fn spans(windows: &[Window]) -> Vec<(usize, usize)> {
-    windows.iter().map(|window| (window.segment, window.frames)).collect()
+    windows.iter().map(|window| (window.position, window.frames)).collect()
 }
 
 #[test]
@@ -37,9 +37,9 @@ fn windows_end_where_the_camera_moves_and_no_frame_is_lost() {
     let windows = windows(&[(40, Some(1)), (80, Some(0))]);
     assert_eq!(spans(&windows), [(0, 25), (0, 15), (1, 25), (1, 15), (0, 20)]);
     assert!(windows.iter().all(|window| !window.views.is_empty()));
-    let links = |segment: usize| -> BTreeSet<u64> {
-        let of_segment = windows.iter().filter(|window| window.segment == segment);
-        of_segment.flat_map(|window| window.views.iter().map(|view| view.link)).collect()
+    let links = |position: usize| -> BTreeSet<u64> {
+        let of_position = windows.iter().filter(|window| window.position == position);
+        of_position.flat_map(|window| window.views.iter().map(|view| view.link)).collect()
     };
     assert!(links(0).is_disjoint(&links(1)), "cars of another position are other cars");
 }

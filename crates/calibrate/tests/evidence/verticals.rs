@@ -13,11 +13,11 @@ const SIZE: ImageSize = ImageSize { width: 1920, height: 1080 };
 const CLAIMED: [f64; 4] = [0.19, 0.02, 0.006, 0.05];
 
 /// A camera, the lines of its picture, and the estimate from cars.
-struct Place {
+struct Scene {
     /// True (log focal length, tilt, roll, log height) relative to the road.
     truth: Vector4<f64>,
     /// True inverse distance of the vertical vanishing point, relative to gravity, 1/px.
-    bend: f64,
+    inverse_distance: f64,
     /// True roll relative to gravity, rad.
     roll: f64,
     /// Lines of the picture, longest first.
@@ -27,16 +27,16 @@ struct Place {
 }
 
 /// Returns a scene with vertical objects (each with up to four edges), stray edges, and edges of lanes.
-fn place(seed: u64, things: usize, strays: usize, lanes: usize) -> Place {
+fn scene(seed: u64, things: usize, strays: usize, lanes: usize) -> Scene {
     let mut random = Rng::new(seed);
     let mut normal = |sd: f64| sd * random.normal();
     let log_focal = (1920f64 * 1.2).ln() + normal(0.4).clamp(-0.7, 0.7);
     let tilt = 0.3 + normal(0.12).clamp(-0.2, 0.3);
     let roll = normal(0.03);
-    let upright =
+    let from_gravity =
         (tilt + normal(VerticalVanishingPoint::SLOPE_SD), roll + normal(VerticalVanishingPoint::SLOPE_SD));
     let (focal, height) = (log_focal.exp(), 8f64);
-    let bend = upright.0.tan() / focal;
+    let inverse_distance = from_gravity.0.tan() / focal;
     let lens = (960.0 / focal).powi(2) * (-0.12 + normal(0.15));
     // The cars are off along the horizon by the error that they share and claim, and by a little of the horizon.
     let seen_log_focal = log_focal + normal(CLAIMED[0]);
@@ -86,8 +86,9 @@ fn place(seed: u64, things: usize, strays: usize, lanes: usize) -> Place {
         let lean = 0.0087 * random.normal();
         for _ in 0..1 + (random.unit() * 4.0) as usize {
             let at = at + Vector2::new(random.uniform(-15.0, 15.0), random.uniform(-15.0, 15.0));
-            let upright = Vector2::new((upright.1 + lean).sin(), -(upright.1 + lean).cos()) + bend * at;
-            add(&mut random, at, upright);
+            let along = Vector2::new((from_gravity.1 + lean).sin(), -(from_gravity.1 + lean).cos())
+                + inverse_distance * at;
+            add(&mut random, at, along);
         }
     }
     for _ in 0..strays {
@@ -104,61 +105,67 @@ fn place(seed: u64, things: usize, strays: usize, lanes: usize) -> Place {
     }
     lines.sort_by(|a, b| b.along_px().norm().total_cmp(&a.along_px().norm()));
     lines.truncate(120);
-    Place { truth: Vector4::new(log_focal, tilt, roll, height.ln()), bend, roll: upright.1, lines, cars }
+    Scene {
+        truth: Vector4::new(log_focal, tilt, roll, height.ln()),
+        inverse_distance,
+        roll: from_gravity.1,
+        lines,
+        cars,
+    }
 }
 
-/// Returns the squared error of (`bend`, roll), in sds.
-fn distance(place: &Place, found: &Verticals) -> f64 {
-    let VerticalVanishingPoint { inverse_distance: bend, roll, covariance } = found.factor;
-    let off = Vector2::new(bend - place.bend, roll - place.roll);
+/// Returns the squared error of (`inverse_distance`, roll), in sds.
+fn distance(scene: &Scene, found: &Verticals) -> f64 {
+    let VerticalVanishingPoint { inverse_distance, roll, covariance } = found.factor;
+    let off = Vector2::new(inverse_distance - scene.inverse_distance, roll - scene.roll);
     off.dot(&(covariance.try_inverse().unwrap() * off))
 }
 
 #[test]
 fn masts_tell_where_up_is_and_how_well() {
-    let places: Vec<Place> = (0..60).map(|seed| place(seed, 25, 25, 12)).collect();
-    let found: Vec<(f64, &Place)> = places
+    let scenes: Vec<Scene> = (0..60).map(|seed| scene(seed, 25, 25, 12)).collect();
+    let found: Vec<(f64, &Scene)> = scenes
         .iter()
-        .filter_map(|place| Some((distance(place, &verticals(&place.lines, &place.cars)?), place)))
+        .filter_map(|scene| Some((distance(scene, &verticals(&scene.lines, &scene.cars)?), scene)))
         .collect();
-    assert!(found.len() >= 45, "{} of {} seen", found.len(), places.len());
+    assert!(found.len() >= 45, "{} of {} seen", found.len(), scenes.len());
     let in_sds = (found.iter().map(|(d, _)| d).sum::<f64>() / (2 * found.len()) as f64).sqrt();
-    println!("{} of {} seen, error / sd {in_sds}", found.len(), places.len());
+    println!("{} of {} seen, error / sd {in_sds}", found.len(), scenes.len());
     assert!((0.8..1.25).contains(&in_sds), "error / sd {in_sds}");
 }
 
 #[test]
 fn roads_without_vertical_edges_have_no_result() {
     let count = 80;
-    let spoke = (0..count)
+    let found_in = (0..count)
         .filter(|seed| {
-            let place = place(1000 + seed, 0, 5 + (seed % 8) as usize * 5, (seed % 5) as usize * 12);
-            verticals(&place.lines, &place.cars).is_some()
+            let scene = scene(1000 + seed, 0, 5 + (seed % 8) as usize * 5, (seed % 5) as usize * 12);
+            verticals(&scene.lines, &scene.cars).is_some()
         })
         .count();
-    println!("{spoke} of {count} speak");
-    assert!(spoke <= 1, "{spoke} of {count}");
-    let place = place(7, 20, 0, 0);
-    assert_eq!(verticals(&[], &place.cars), None);
-    let unknown = CameraEstimate { covariance: Matrix4::identity(), ..place.cars };
-    assert_eq!(verticals(&place.lines, &unknown), None, "no horizon, no focal length");
+    println!("{found_in} of {count} have a result");
+    assert!(found_in <= 1, "{found_in} of {count}");
+    let scene = scene(7, 20, 0, 0);
+    assert_eq!(verticals(&[], &scene.cars), None);
+    let unknown = CameraEstimate { covariance: Matrix4::identity(), ..scene.cars };
+    assert_eq!(verticals(&scene.lines, &unknown), None, "no horizon, no focal length");
 }
 
 #[test]
 fn lines_correct_the_focal_length_along_the_horizon() {
     let (mut before, mut after, mut in_sds) = (Vec::new(), Vec::new(), Vec::new());
     for seed in 0..60 {
-        let place = place(2000 + seed, 25, 25, 12);
-        let Some(found) = verticals(&place.lines, &place.cars) else { continue };
+        let scene = scene(2000 + seed, 25, 25, 12);
+        let Some(found) = verticals(&scene.lines, &scene.cars) else { continue };
         let options = FuseOptions {
             factors: [(0, [Factor::Vertical(found.factor)].into())].into(),
             ..FuseOptions::for_image(SIZE)
         };
-        let joined = &fuse(&[window(&place.cars)], &options)[0];
+        let joined = &fuse(&[window(&scene.cars)], &options)[0];
         let horizon = |params: &CameraParams| params.focal_px() * params.tilt.tan();
-        assert!((horizon(&joined.params) / horizon(&place.cars.params) - 1.0).abs() < 0.12);
-        let error = joined.params.log_focal - place.truth[0];
-        before.push((place.cars.params.log_focal - place.truth[0]).abs());
+        assert!((horizon(&joined.params) / horizon(&scene.cars.params) - 1.0).abs() < 0.12);
+        let error = joined.params.log_focal - scene.truth[0];
+        before.push((scene.cars.params.log_focal - scene.truth[0]).abs());
         after.push(error.abs());
         in_sds.push(error * error / joined.covariance[(0, 0)]);
     }
@@ -181,7 +188,7 @@ fn window(cars: &CameraEstimate) -> WindowEstimate {
         params: cars.params,
         joint: JointInformation::of_camera(&cars.covariance.try_inverse().unwrap(), &cars.params.to_vector()),
         cars: Vec::new(),
-        segment: 0,
+        position: 0,
     }
 }
 
@@ -193,12 +200,12 @@ fn a_street_that_may_be_steep_leaves_mean_and_covariance_of_both() {
     let cars = WindowEstimate {
         params: CameraParams::from_vector(&truth),
         joint: JointInformation::of_camera(&information, &truth),
-        ..window(&CameraEstimate { covariance: Matrix4::identity(), ..place(3, 0, 0, 0).cars })
+        ..window(&CameraEstimate { covariance: Matrix4::identity(), ..scene(3, 0, 0, 0).cars })
     };
     // A level street and a steep one are about equally likely.
-    let bend = (truth[1] + 0.057).tan() / 1500.0;
+    let inverse_distance = (truth[1] + 0.057).tan() / 1500.0;
     let covariance = Matrix2::new(1e-12, 0.0, 0.0, 1e-6);
-    let factor = Factor::Vertical(VerticalVanishingPoint { inverse_distance: bend, roll: 0.02, covariance });
+    let factor = Factor::Vertical(VerticalVanishingPoint { inverse_distance, roll: 0.02, covariance });
     let options =
         FuseOptions { factors: [(0, [factor.clone()].into())].into(), ..FuseOptions::for_image(SIZE) };
     let joined = &fuse(&[cars], &options)[0];

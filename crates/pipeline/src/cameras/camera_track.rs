@@ -91,7 +91,7 @@ impl CameraTrack {
         Ok(place)
     }
 
-    /// Returns the index of that estimate among all estimates, from 0.
+    /// Returns the index of the estimate whose interval contains a time, or else of the nearest one, from 0.
     #[must_use]
     pub fn segment_at(&self, time_s: f64) -> usize {
         let distance = |i: &usize| {
@@ -115,8 +115,8 @@ mod tests {
         });
         let visit = |position: usize, span_s: [f64; 2]| Visit { position, span_s };
         let visits = [visit(0, [0.0, 4.0]), visit(1, [4.0, 8.0]), visit(0, [8.0, 12.0])];
-        let spans = |span_s: [f64; 2], segment: usize| -> Vec<[f64; 2]> {
-            by_visits(&[(segment, options.unobservable(span_s))].into(), &visits)
+        let spans = |span_s: [f64; 2], position: usize| -> Vec<[f64; 2]> {
+            by_visits(&[(position, options.unobservable(span_s))].into(), &visits)
                 .iter()
                 .map(|estimate| estimate.span_s)
                 .collect()

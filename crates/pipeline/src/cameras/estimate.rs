@@ -8,17 +8,17 @@ use roadplane_base::{
 };
 use roadplane_calibrate::{
     CarIdentity, EvidenceBuilder, Fold, FuseOptions, GroundEvidence, Joined, Window, WindowEstimate, cues,
-    epochs, fuse, join,
+    epochs, join,
 };
 use roadplane_measure::usable;
 use roadplane_write::FrameReader;
 
 use crate::cameras::camera_track::{CameraTrack, Visit, by_visits};
+use crate::cameras::database::{CameraHistory, compare_views};
 use crate::cameras::empty_scene_view::scene_from_world;
 use crate::cameras::joining::{factors_by_position, fuse_options};
 use crate::cameras::known::CameraConstraints;
 use crate::cameras::lens::LensOfClip;
-use crate::cameras::memory::{CameraHistory, compare_views};
 use crate::cameras::optics::Optics;
 use crate::cameras::second_plane::with_second_plane;
 use crate::cameras::stored::{add_stored, evidence_of, own_epoch};
@@ -34,13 +34,13 @@ use crate::{Config, PipelineError};
 pub(crate) fn optics_of(
     frames: &Path,
     known: &CameraConstraints,
-    recall: Option<&CameraHistory>,
+    history: Option<&CameraHistory>,
     atlas: &ShapeAtlas,
     config: &Config,
 ) -> Result<Optics, PipelineError> {
-    let optics = Optics::of(frames, known, recall, config)?;
+    let optics = Optics::of(frames, known, history, config)?;
     // With a given focal length, the edges were already tested with it.
-    let is_open = |lens: &&LensOfClip| lens.is_of_edges && known.focal_px().is_none();
+    let is_open = |lens: &&LensOfClip| lens.is_of_clip && known.focal_px().is_none();
     let Some(lens) = optics.lens.as_ref().filter(is_open) else { return Ok(optics) };
     let first = || -> Result<_, PipelineError> {
         let first = within(FrameReader::open(frames)?, config.calibrate.window_s);
@@ -51,7 +51,7 @@ pub(crate) fn optics_of(
         optics: &optics,
         atlas,
         known: &known,
-        recall: None,
+        history: None,
         scene: None,
         may_fold: false,
         config,
@@ -72,7 +72,7 @@ pub(crate) struct CameraInputs<'a> {
     pub atlas: &'a ShapeAtlas,
     pub known: &'a CameraConstraints,
     /// Evidence of the camera's other clips.
-    pub recall: Option<&'a CameraHistory>,
+    pub history: Option<&'a CameraHistory>,
     /// How the picture of the empty scene lies on the picture of an earlier frame.
     pub scene: Option<&'a Registration>,
     /// Whether the ground may be two planes. Surveyed points require one plane.
@@ -134,8 +134,8 @@ impl CameraInputs<'_> {
         let mut take = |window: Option<Window>, size: ImageSize, known: &CameraConstraints| {
             let Some(window) = window else { return };
             match visits.last_mut() {
-                Some(visit) if visit.position == window.segment => visit.span_s[1] = window.span_s[1],
-                _ => visits.push(Visit { position: window.segment, span_s: window.span_s }),
+                Some(visit) if visit.position == window.position => visit.span_s[1] = window.span_s[1],
+                _ => visits.push(Visit { position: window.position, span_s: window.span_s }),
             }
             let foot_px = |bbox_px: &[f64; 4]| lens.undistorted(&(bbox_foot(bbox_px) - size.centre_px()));
             match fold {
@@ -160,7 +160,7 @@ impl CameraInputs<'_> {
             }
             take(builder.push(&frame), image_size, &known);
             if let Some(lines) = frame.scene_lines {
-                scene_lines.insert(builder.segment, lines);
+                scene_lines.insert(builder.position, lines);
             }
         }
         if let Some(size) = size {
@@ -183,13 +183,13 @@ impl CameraInputs<'_> {
         let positions = visits.iter().map(|visit| visit.position + 1).max().unwrap_or(1);
         let mut options = of_clip.count(&windows, fuse_options(size, positions, &known, config));
         let scene_from_world = scene_from_world(self.scene, &optics.places, position, size);
-        let evidence = self.recall.and_then(|recall| {
+        let evidence = self.history.and_then(|history| {
             let options = options.for_cars();
-            let view = scene_from_world.as_ref()?;
-            let (said, cars) = evidence_of(recall, &windows, position, span_s, &parked, view, &options)?;
-            let epochs = epochs(&recall.evidence, &compare_views, &options);
-            if let Some(epoch) = own_epoch(recall, &said, &epochs, &options) {
-                add_stored(&mut windows, position, epoch, (&said, &cars), view);
+            let motion = scene_from_world.as_ref()?;
+            let (said, cars) = evidence_of(history, &windows, position, span_s, &parked, motion, &options)?;
+            let epochs = epochs(&history.evidence, &compare_views, &options);
+            if let Some(epoch) = own_epoch(history, &said, &epochs, &options) {
+                add_stored(&mut windows, position, epoch, (&said, &cars), motion);
             }
             Some(said)
         });
@@ -198,8 +198,8 @@ impl CameraInputs<'_> {
         }
         let lines = if config.solve.use_verticals { clip.scene_lines } else { BTreeMap::new() };
         let cues = cues(lines, &optics.places.turns, &windows, &options);
-        for view in &cues {
-            view.add_factors(&mut options.factors);
+        for cue in &cues {
+            cue.add_factors(&mut options.factors);
         }
         options.is_folded = fold.is_some();
         let joined = join(&windows, &options);
@@ -214,8 +214,8 @@ impl CameraInputs<'_> {
         }
         let (constraints, not_compared) = known.checked(size, |others| {
             let mut factors = factors_by_position(size, positions, others);
-            for view in &cues {
-                view.add_factors(&mut factors);
+            for cue in &cues {
+                cue.add_factors(&mut factors);
             }
             join(&windows, &FuseOptions { factors, ..options.clone() }).estimates
         });
@@ -248,15 +248,6 @@ struct ClipWindows {
     scene_lines: BTreeMap<usize, Vec<SceneLine>>,
     /// User constraints for pictures of this size and lens.
     known: CameraConstraints,
-}
-
-/// Returns the camera before any car is used: the prior and the user constraints.
-#[must_use]
-pub fn prior_camera(known: &CameraConstraints, frame: &FrameRecord, config: &Config) -> CameraEstimate {
-    let (size, span_s) = (frame.image_size_px, [frame.time_s; 2]);
-    let options = fuse_options(size, 1, known, config);
-    let told = (!known.is_silent()).then(|| WindowEstimate::without_cars(&options, span_s, 0));
-    fuse(told.as_slice(), &options).pop().unwrap_or_else(|| options.unobservable(span_s))
 }
 
 /// Returns the frames of the first `span_s` seconds.

@@ -77,7 +77,8 @@ pub fn estimate_frame_as_paper(
         SceneStatus::FocalFromPrior => CameraStatus::FocalFromPrior,
         SceneStatus::TooFewCars | SceneStatus::Failed => CameraStatus::Unobservable,
     };
-    let options = FuseOptions { lens: lens.lens, bend_sd: lens.bend_sd, ..FuseOptions::for_image(size) };
+    let options =
+        FuseOptions { lens: lens.lens, distortion_sd: lens.distortion_sd, ..FuseOptions::for_image(size) };
     let camera = CameraEstimate {
         params: solution.params,
         covariance: solution.covariance,
@@ -87,6 +88,17 @@ pub fn estimate_frame_as_paper(
         ..options.unobservable([frame.time_s; 2])
     };
     (camera, solution.cars)
+}
+
+/// Returns the camera of a frame before any car is used: the prior and the user constraints.
+#[must_use]
+pub fn prior_camera(frame: &FrameRecord, known: &CameraConstraints, config: &Config) -> CameraEstimate {
+    let (size, span_s) = (frame.image_size_px, [frame.time_s; 2]);
+    let (lens, known, _) = before_cars(&[], size, known, config);
+    let options = fuse_options(size, 1, &known, config);
+    let options = FuseOptions { lens: lens.lens, distortion_sd: lens.distortion_sd, ..options };
+    let given = (!known.is_silent()).then(|| WindowEstimate::without_cars(&options, span_s, 0));
+    fuse(given.as_slice(), &options).pop().unwrap_or_else(|| options.unobservable(span_s))
 }
 
 /// Returns everything that precedes the cars: the lens, the user constraints seen through it, and the solver's options.

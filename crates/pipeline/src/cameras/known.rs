@@ -175,7 +175,7 @@ impl CameraConstraints {
     pub(crate) fn lens(&self, size: ImageSize) -> Option<Lens> {
         match self.lens? {
             GivenLens::Opencv([k1, k2]) => Some(Lens::from_opencv(k1, k2, self.about_focal_px()?, size)),
-            GivenLens::Bend(bend) => Some(Lens::with_distortion(bend, size)),
+            GivenLens::Distortion(distortion) => Some(Lens::with_distortion(distortion, size)),
         }
     }
 
@@ -224,8 +224,8 @@ impl CameraConstraints {
                 }
                 Fact::Length { file, length } => {
                     let inside = |[x, y]: &[f64; 2]| {
-                        (-0.5..f64::from(size.width)).contains(x)
-                            && (-0.5..f64::from(size.height)).contains(y)
+                        (-0.5..f64::from(size.width) - 0.5).contains(x)
+                            && (-0.5..f64::from(size.height) - 0.5).contains(y)
                     };
                     if !(inside(&length.from_px) && inside(&length.to_px)) {
                         let name = length.name.as_deref().unwrap_or_default();
@@ -249,19 +249,19 @@ impl CameraConstraints {
         let factor = |fact: &Fact| match fact {
             Fact::Number { which, value, sd } => Factor::Survey(Survey::of_number(*which, *value, *sd)),
             Fact::Camera { survey, .. } => Factor::Survey(*survey),
-            Fact::Length { length, .. } => Factor::Length(self.on_ground(length, size)),
+            Fact::Length { length, .. } => Factor::Length(self.length_factor(length, size)),
         };
         let here = self.facts.iter().filter(|fact| position == 0 || fact.holds_everywhere());
         here.map(factor).collect()
     }
 
     /// Returns a length as a factor, for pictures of this size.
-    fn on_ground(&self, length: &LengthConstraint, size: ImageSize) -> Length {
-        let view = length.frame.and_then(|frame| self.world_from_picture.get(&frame));
-        let view = view.unwrap_or(&PictureMotion::IDENTITY);
-        let growth = view.jacobian(&length.from_px.into()).determinant().abs().sqrt();
+    fn length_factor(&self, length: &LengthConstraint, size: ImageSize) -> Length {
+        let motion = length.frame.and_then(|frame| self.world_from_picture.get(&frame));
+        let motion = motion.unwrap_or(&PictureMotion::IDENTITY);
+        let growth = motion.jacobian(&length.from_px.into()).determinant().abs().sqrt();
         let on_ray = |end: [f64; 2]| {
-            self.seen_through.undistorted(&(view.apply(&Vector2::from(end)) - size.centre_px()))
+            self.seen_through.undistorted(&(motion.apply(&Vector2::from(end)) - size.centre_px()))
         };
         Length {
             ends_px: [length.from_px, length.to_px].map(on_ray),

@@ -1,10 +1,10 @@
-//! The lens of a clip: given by the user, stored, or estimated from long edges of the site and from turns of the
-//! camera; otherwise without distortion.
+//! The lens of a clip. The user gives it, or it is stored, or it is estimated from long edges of the site and turns of the
+//! camera. Otherwise it has no distortion.
 
 use roadplane_base::{Camera, CameraEstimate, ImageSize, Lens, SceneCurve};
 use roadplane_calibrate::{FuseOptions, LensView, LogFocal, STRAIGHT_SD, TurnedLens, WindowEstimate, fuse};
 
-use crate::cameras::memory::CameraHistory;
+use crate::cameras::database::CameraHistory;
 use crate::{CameraConstraints, Config};
 
 /// The lens that a clip is solved with, and its uncertainty.
@@ -13,9 +13,9 @@ pub(crate) struct LensOfClip {
     /// The lens.
     pub(crate) lens: Lens,
     /// Sd of the distortion (dimensionless); `None` where nothing determines the lens.
-    pub(crate) bend_sd: Option<f64>,
+    pub(crate) distortion_sd: Option<f64>,
     /// Whether the lens comes from edges or turns of this clip.
-    pub(crate) is_of_edges: bool,
+    pub(crate) is_of_clip: bool,
     /// Mean and sd of the distortion without the edges (dimensionless).
     pub(crate) turned: [f64; 2],
     /// Likelihood of the distortion given the edges alone, and given edges and turns. `None` where the user or the
@@ -24,20 +24,26 @@ pub(crate) struct LensOfClip {
 }
 
 impl LensOfClip {
-    /// Takes the lens from the first source that determines it: user, edges and turns, or camera database.
+    /// Takes the lens of the user. Without one, takes the most certain lens of the edges and turns and of the camera
+    /// database.
     pub(crate) fn new(
         curves: &[SceneCurve],
         turned: Option<TurnedLens>,
         size: ImageSize,
         known: &CameraConstraints,
-        recall: Option<&CameraHistory>,
+        history: Option<&CameraHistory>,
         config: &Config,
     ) -> Self {
-        let straight =
-            Self { lens: Lens::STRAIGHT, bend_sd: None, is_of_edges: false, turned: [0.0; 2], views: None };
+        let straight = Self {
+            lens: Lens::STRAIGHT,
+            distortion_sd: None,
+            is_of_clip: false,
+            turned: [0.0; 2],
+            views: None,
+        };
         if let Some(lens) = known.lens(size) {
             let turned = [lens.distortion(size), STRAIGHT_SD];
-            return Self { lens, bend_sd: Some(STRAIGHT_SD), turned, ..straight };
+            return Self { lens, distortion_sd: Some(STRAIGHT_SD), turned, ..straight };
         }
         if !config.solve.use_lens {
             return straight;
@@ -56,15 +62,15 @@ impl LensOfClip {
             );
         }
         let turned = LensView::of(&[], turned, size).distortion(log_focal).unwrap_or_default();
-        let before = recall.iter().flat_map(|recall| &recall.evidence);
+        let before = history.iter().flat_map(|history| &history.evidence);
         let before = before.filter(|said| said.image_size_px == size).filter_map(|said| said.lens);
         let all =
             here.into_iter().chain(before.map(|(lens, sd)| (lens, Lens { per_px2: sd }.distortion(size))));
         // The same site shows the same edges every night. So the most certain lens is used, not the mean.
         match all.reduce(|a, b| if b.1 < a.1 { b } else { a }) {
             Some((lens, sd)) => {
-                let is_of_edges = here == Some((lens, sd));
-                Self { lens, bend_sd: Some(sd), is_of_edges, turned, views: Some(views) }
+                let is_of_clip = here == Some((lens, sd));
+                Self { lens, distortion_sd: Some(sd), is_of_clip, turned, views: Some(views) }
             }
             None => Self { turned, views: Some(views), ..straight },
         }
@@ -80,22 +86,22 @@ impl LensOfClip {
 
     /// Returns the same edges and turns without a lens.
     pub(crate) fn without_distortion(self) -> Self {
-        Self { lens: Lens::STRAIGHT, bend_sd: None, is_of_edges: false, ..self }
+        Self { lens: Lens::STRAIGHT, distortion_sd: None, is_of_clip: false, ..self }
     }
 
     /// Adds the uncertainty of the lens and of the principal point to the errors that all cars share.
     ///
     /// If nothing determines the lens, its uncertainty depends on the width of the view, which the windows determine.
     pub(crate) fn count(&self, windows: &[WindowEstimate], options: FuseOptions) -> FuseOptions {
-        let mut options = FuseOptions { lens: self.lens, bend_sd: self.bend_sd, ..options };
+        let mut options = FuseOptions { lens: self.lens, distortion_sd: self.distortion_sd, ..options };
         let rough = fuse(windows, &options.for_cars()).into_iter().next();
         let log_focal =
             rough.map_or([options.prior.log_focal, options.prior_sd[0]], |camera| log_focal_of(&camera));
-        let silent = || self.views.as_ref().map_or(0.0, |[_, both]| both.sd_about(self.lens, log_focal));
-        let bend_sd = self.bend_sd.unwrap_or_else(silent);
+        let sd_if_open = || self.views.as_ref().map_or(0.0, |[_, both]| both.sd_about(self.lens, log_focal));
+        let distortion_sd = self.distortion_sd.unwrap_or_else(sd_if_open);
         let size = options.image_size_px;
         let point_sd_px = Camera::PRINCIPAL_POINT_SD * f64::from(size.width);
-        options.shared_sd[2] = Lens::with_distortion(bend_sd, size).per_px2;
+        options.shared_sd[2] = Lens::with_distortion(distortion_sd, size).per_px2;
         options.shared_sd[3..].fill(point_sd_px);
         options
     }
@@ -103,7 +109,7 @@ impl LensOfClip {
 
 /// Returns the lens that the edges show or, if they show none, that edges and turns show together.
 ///
-/// Where edges and turns contradict each other, the clip so has the lens that it has at rest.
+/// Where edges and turns contradict each other, the lens is that of the edges, as for a camera at rest.
 fn found([edges, both]: &[LensView; 2], log_focal: LogFocal) -> Option<(Lens, f64)> {
     edges.found(log_focal).or_else(|| both.found(log_focal))
 }

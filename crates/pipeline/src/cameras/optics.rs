@@ -6,8 +6,8 @@ use std::sync::Arc;
 use roadplane_calibrate::{OneCamera, Places, PlacesBuilder, TurnedLensBuilder};
 use roadplane_write::{FrameReader, LensTraces, read_lens_traces};
 
+use crate::cameras::database::CameraHistory;
 use crate::cameras::lens::LensOfClip;
-use crate::cameras::memory::CameraHistory;
 use crate::{CameraConstraints, Config, PipelineError};
 
 /// The lens of a clip, and the places that its pictures show.
@@ -27,7 +27,7 @@ impl Optics {
     pub(crate) fn of(
         frames: &Path,
         known: &CameraConstraints,
-        recall: Option<&CameraHistory>,
+        history: Option<&CameraHistory>,
         config: &Config,
     ) -> Result<Self, PipelineError> {
         let mut turned = TurnedLensBuilder::default();
@@ -35,7 +35,7 @@ impl Optics {
             read_lens_traces(frames, |registration| turned.push(registration))?;
         let Some(size) = image_size_px else { return Ok(Self::default()) };
         let known = known.for_pictures(size)?;
-        let lens = LensOfClip::new(&curves, turned.finish(), size, &known, recall, config);
+        let lens = LensOfClip::new(&curves, turned.finish(), size, &known, history, config);
         Self::with_lens(lens, frames)
     }
 

@@ -5,8 +5,8 @@ use roadplane_calibrate::{Fold, Joined};
 
 /// Adds the second plane to the camera above the first one: of the two estimates in `joined`, the second one is removed.
 ///
-/// Returns `None` if the camera has other estimates, if the cars do not determine both planes, or if the planes do not
-/// divide the picture like the fold.
+/// Returns `None` if the camera has other estimates or if the cars do not determine both planes. Also returns `None` if
+/// the planes do not divide the picture like the fold.
 pub(super) fn with_second_plane(fold: &Fold, mut joined: Joined) -> Option<Joined> {
     let is_determined = |estimate: &CameraEstimate| estimate.status != CameraStatus::Unobservable;
     if !joined.estimates.keys().eq(&[0, 1]) || !joined.estimates.values().all(is_determined) {

@@ -5,15 +5,15 @@ use std::collections::BTreeMap;
 use roadplane_base::{CameraEvidence, EVIDENCE_SCHEMA, Lens, ParkedCar, PictureMotion};
 use roadplane_calibrate::{CarIdentity, Epoch, FuseOptions, WindowEstimate, condense, joins, same_vehicle};
 
+use crate::cameras::database::{CameraHistory, compare_views};
 use crate::cameras::empty_scene_view::{moved, turned};
-use crate::cameras::memory::{CameraHistory, compare_views};
 
 /// Returns the evidence of the camera's last position, and the identities of its parked vehicles.
 ///
 /// It is evidence on the camera that takes the picture of the empty scene (`scene_from_world`). `None` if the motion
 /// between the world picture and that picture is no turn.
 pub(crate) fn evidence_of(
-    recall: &CameraHistory,
+    history: &CameraHistory,
     windows: &[WindowEstimate],
     position: usize,
     clip_span_s: [f64; 2],
@@ -21,19 +21,19 @@ pub(crate) fn evidence_of(
     scene_from_world: &PictureMotion,
     options: &FuseOptions,
 ) -> Option<(CameraEvidence, Vec<CarIdentity>)> {
-    let last: Vec<WindowEstimate> = windows.iter().filter(|w| w.segment == position).cloned().collect();
+    let last: Vec<WindowEstimate> = windows.iter().filter(|w| w.position == position).cloned().collect();
     let together = condense(&last, options)
         .unwrap_or_else(|| WindowEstimate::without_cars(options, clip_span_s, position));
     let together = turned(together, scene_from_world)?;
-    let stationary = together.cars.iter().filter(|used| used.parked);
+    let used = together.cars.iter().filter(|used| used.parked);
     let in_scene = |car: &ParkedCar| moved(car.clone(), scene_from_world);
-    let (cars, stationary): (Vec<CarIdentity>, Vec<ParkedCar>) =
-        stationary.filter_map(|used| Some((used.car, in_scene(parked.get(&used.car)?)))).unzip();
+    let (cars, parked_cars): (Vec<CarIdentity>, Vec<ParkedCar>) =
+        used.filter_map(|used| Some((used.car, in_scene(parked.get(&used.car)?)))).unzip();
     let said = CameraEvidence {
         schema: EVIDENCE_SCHEMA.to_owned(),
-        camera: recall.camera.clone(),
-        clip: recall.clip.clone(),
-        models: recall.models.clone(),
+        camera: history.camera.clone(),
+        clip: history.clip.clone(),
+        models: history.models.clone(),
         image_size_px: options.image_size_px,
         span_s: together.span_s,
         frames: together.frames,
@@ -41,23 +41,23 @@ pub(crate) fn evidence_of(
         information: together.joint.information.transpose().into(),
         shared: together.joint.cross.transpose().into(),
         lens: options
-            .bend_sd
+            .distortion_sd
             .map(|sd| (options.lens, Lens::with_distortion(sd, options.image_size_px).per_px2)),
-        moving: together.cars.len() - stationary.len(),
-        parked: stationary,
-        place: recall.place.clone(),
+        moving: together.cars.len() - parked_cars.len(),
+        parked: parked_cars,
+        place: history.place.clone(),
     };
     Some((said, cars))
 }
 
 /// Returns the epoch to which this clip belongs, and logs it. `None` where the clip begins a new epoch.
 pub(crate) fn own_epoch<'a, 'b>(
-    recall: &CameraHistory,
+    history: &CameraHistory,
     said: &CameraEvidence,
     epochs: &'b [Epoch<'a>],
     options: &FuseOptions,
 ) -> Option<&'b Epoch<'a>> {
-    let camera = &recall.camera;
+    let camera = &history.camera;
     let epoch = joins(said, epochs, &compare_views, options).map(|index| &epochs[index]);
     match epoch {
         Some(epoch) => {
@@ -82,13 +82,13 @@ pub(crate) fn add_stored(
     (said, cars): (&CameraEvidence, &[CarIdentity]),
     scene_from_world: &PictureMotion,
 ) {
-    let known = |car: &ParkedCar| epoch.vehicles.iter().find(|(_, known)| same_vehicle(known, car));
+    let known = |car: &ParkedCar| epoch.vehicles.iter().find(|(_, stored)| same_vehicle(stored, car));
     let same: BTreeMap<CarIdentity, CarIdentity> = cars
         .iter()
         .zip(&said.parked)
         .filter_map(|(own, car)| Some((*own, CarIdentity::Stored(known(car)?.0))))
         .collect();
-    let first = windows.iter().position(|w| w.segment == position);
+    let first = windows.iter().position(|w| w.position == position);
     let (at, from_s) = first.map_or((windows.len(), said.span_s[0]), |at| (at, windows[at].span_s[0]));
     for window in &mut windows[at..] {
         for used in &mut window.cars {
@@ -97,7 +97,6 @@ pub(crate) fn add_stored(
     }
     let world_from_scene = scene_from_world.inverse();
     let in_world = epoch.windows.iter().filter_map(|window| turned(window.clone(), &world_from_scene));
-    let stored =
-        in_world.map(|window| WindowEstimate { span_s: [from_s; 2], frames: 0, segment: position, ..window });
+    let stored = in_world.map(|window| WindowEstimate { span_s: [from_s; 2], frames: 0, position, ..window });
     windows.splice(at..at, stored.collect::<Vec<_>>());
 }

@@ -1,4 +1,4 @@
-//! Solves the cars of a window or a frame for the camera.
+//! Solves the cars of a window for the camera.
 
 use std::collections::BTreeMap;
 
@@ -15,7 +15,7 @@ use crate::Config;
 pub(crate) struct Solving<'a> {
     atlas: &'a ShapeAtlas,
     config: &'a Config,
-    /// Camera of the last solved window by segment. The next solve starts there.
+    /// Camera of the last solved window by position. The next solve starts there.
     starts: BTreeMap<usize, CameraParams>,
     /// Estimates of the solved windows, in order.
     pub windows: Vec<WindowEstimate>,
@@ -35,7 +35,7 @@ impl<'a> Solving<'a> {
     /// Solves a window and stores its results. A window without a usable solution is dropped.
     pub fn solve(&mut self, window: &Window, size: ImageSize, lens: Lens, focal_px: Option<f64>) {
         let (atlas, config) = (self.atlas, self.config);
-        let start = self.starts.range(..=window.segment).next_back().map(|(_, camera)| *camera);
+        let start = self.starts.range(..=window.position).next_back().map(|(_, camera)| *camera);
         let options = SceneOptions { start, lens, ..config.solve.scene_options(focal_px) };
         let mut links: Vec<_> = window.views.iter().map(|view| view.link).collect();
         links.sort_unstable();
@@ -57,7 +57,7 @@ impl<'a> Solving<'a> {
         // is solved again.
         let camera = Camera { lens: options.lens, ..Camera::centred(solution.params.focal_px(), size) };
         let limits = config.solve.fit_limits();
-        let trusted: Vec<bool> = views
+        let is_trusted: Vec<bool> = views
             .iter()
             .zip(&solution.cars)
             .map(|(view, car)| {
@@ -67,8 +67,8 @@ impl<'a> Solving<'a> {
                 })
             })
             .collect();
-        if solution.status.usable() && trusted.contains(&false) && trusted.contains(&true) {
-            let kept = views.into_iter().zip(&trusted).filter(|(_, trusted)| **trusted);
+        if solution.status.usable() && is_trusted.contains(&false) && is_trusted.contains(&true) {
+            let kept = views.into_iter().zip(&is_trusted).filter(|(_, trusted)| **trusted);
             views = kept.map(|(view, _)| view).collect();
             solution = solved(&views, &SceneOptions { start: Some(solution.params), ..options.clone() });
         }
@@ -106,14 +106,14 @@ impl<'a> Solving<'a> {
         cars.sort_by_key(|used| (used.car, !used.parked));
         cars.dedup_by_key(|used| used.car);
         let (params, joint) = solution.by_cars();
-        self.starts.insert(window.segment, params);
+        self.starts.insert(window.position, params);
         self.windows.push(WindowEstimate {
             span_s: window.span_s,
             frames: window.frames,
             params,
             joint,
             cars,
-            segment: window.segment,
+            position: window.position,
         });
         let parked = used.iter().filter(|view| view.parked);
         self.parked.extend(parked.map(|view| (CarIdentity::Clip(view.link), parked_car(view))));

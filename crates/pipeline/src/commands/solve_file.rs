@@ -10,8 +10,8 @@ use roadplane_measure::{FrameCamera, any_car, fit_frame, usable};
 use roadplane_solve::{FreeCarFit, SceneOptions, ShapePrior, fit_free_car};
 use roadplane_write::{FrameReader, PoseLines, write_camera};
 
-use crate::cameras::estimate::{CameraInputs, optics_of, prior_camera};
-use crate::cameras::frame::{estimate_frame, estimate_frame_as_paper};
+use crate::cameras::estimate::{CameraInputs, optics_of};
+use crate::cameras::frame::{estimate_frame, estimate_frame_as_paper, prior_camera};
 use crate::cameras::known::{contradiction, in_first_picture};
 use crate::tracks::poses::{CarriedPoses, free_pose_record, pose_record};
 use crate::{CameraConstraints, Cancel, Config, PipelineError, Progress};
@@ -68,7 +68,8 @@ pub fn solve_file(
         });
         Ok(optics.convert(records))
     };
-    let constraints = &options.constraints;
+    let (constraints, _, warning) = in_first_picture(&options.constraints, None, || read("frames"))?;
+    warning.iter().for_each(|warning| tracing::warn!("{warning}"));
     let scene = config.solve.scene_options(None);
     let mut poses = Poses {
         lines: PoseLines::create(out)?,
@@ -81,11 +82,9 @@ pub fn solve_file(
     let mut estimates = Vec::new();
     match options.method {
         SolveMethod::Joint => {
-            let (constraints, _, warning) = in_first_picture(constraints, None, || read("frames"))?;
-            warning.iter().for_each(|warning| tracing::warn!("{warning}"));
             let (optics, atlas, known) = (&optics, &atlas, &constraints);
             let inputs =
-                CameraInputs { optics, atlas, known, recall: None, scene: None, may_fold: true, config };
+                CameraInputs { optics, atlas, known, history: None, scene: None, may_fold: true, config };
             let cameras = inputs.estimate(|| read("camera"))?;
             for frame in read("poses")? {
                 let frame = frame?;
@@ -131,11 +130,8 @@ pub fn solve_file(
             for frame in read("poses")? {
                 let frame = frame?;
                 if estimates.is_empty() {
-                    estimates.push(prior_camera(
-                        &constraints.for_pictures(frame.image_size_px)?,
-                        &frame,
-                        config,
-                    ));
+                    let constraints = constraints.for_pictures(frame.image_size_px)?;
+                    estimates.push(prior_camera(&frame, &constraints, config));
                 }
                 let camera = FrameCamera::from(&estimates[0]).camera;
                 let fit = |car: &CarRecord| {

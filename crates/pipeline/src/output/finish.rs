@@ -14,7 +14,7 @@ use roadplane_write::{
     write_json, write_summary,
 };
 
-use crate::cameras::memory::EVIDENCE;
+use crate::cameras::database::EVIDENCE;
 use crate::estimation::{ClipSolution, Given, solve_constrained_clip};
 use crate::identity::{peak_memory_bytes, versions};
 use crate::output::draw::{Drawn, ReportParts, draw_video, write_report};

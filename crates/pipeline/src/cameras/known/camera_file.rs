@@ -20,8 +20,8 @@ const UNKNOWN_VARIANCE: f64 = 1e4;
 pub(crate) enum GivenLens {
     /// OpenCV's k1 and k2, which are defined only together with a focal length.
     Opencv([f64; 2]),
-    /// Distortion at the picture's side, see [`Lens::distortion`] (dimensionless).
-    Bend(f64),
+    /// Distortion at the picture's side, see [`Lens::distortion`](roadplane_base::Lens::distortion) (dimensionless).
+    Distortion(f64),
 }
 
 /// The contents of a camera file.
@@ -100,7 +100,7 @@ fn ours(path: &Path) -> Result<CameraOfFile, WriteError> {
         // A lens that was only assumed to have no distortion is no constraint.
         lens: estimate
             .distortion_sd
-            .map(|_| GivenLens::Bend(estimate.lens.distortion(estimate.image_size_px))),
+            .map(|_| GivenLens::Distortion(estimate.lens.distortion(estimate.image_size_px))),
         survey: Some(Survey { mean: estimate.params.to_vector(), information, by_cars }),
     })
 }

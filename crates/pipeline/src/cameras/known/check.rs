@@ -43,8 +43,9 @@ impl CameraConstraints {
 }
 
 /// Returns the contradiction in words; `None` where there is none.
-pub(crate) fn contradiction(known: &ConstraintSummary) -> Option<String> {
-    (known.apart_sds > CONTRADICTS).then(|| format!("the {} is {}", known.what, in_words(known)))
+pub(crate) fn contradiction(constraint: &ConstraintSummary) -> Option<String> {
+    (constraint.apart_sds > CONTRADICTS)
+        .then(|| format!("the {} is {}", constraint.what, in_words(constraint)))
 }
 
 /// Returns a warning about constraints that nothing is compared with; `None` if there are none.
@@ -55,8 +56,8 @@ pub(crate) fn not_compared_in_words(count: usize) -> Option<String> {
 }
 
 /// Returns the constraint and the estimate from all other evidence in words.
-pub(crate) fn in_words(known: &ConstraintSummary) -> String {
-    let ConstraintSummary { unit, given, given_sd, by_all_else, by_all_else_sd, apart_sds, .. } = known;
+pub(crate) fn in_words(constraint: &ConstraintSummary) -> String {
+    let ConstraintSummary { unit, given, given_sd, by_all_else, by_all_else_sd, apart_sds, .. } = constraint;
     let digits = if unit == "px" { 0 } else { 2 };
     let space = if unit == "°" { "" } else { " " };
     let apart = if *apart_sds > CONTRADICTS { 0 } else { 1 };
@@ -95,19 +96,19 @@ impl Fact {
             Self::Number { which, value, sd } => vec![number(*which, *value, *sd, "")],
             Self::Camera { file, survey: Survey { mean, information, by_cars }, .. } => {
                 let variance = information.try_inverse().map(|covariance| covariance.diagonal());
-                let told = (0..4).filter_map(|which| {
+                let summaries = (0..4).filter_map(|which| {
                     // The file may have no information on a number.
                     let sd = variance.map_or(1.0 / information[(which, which)], |v| v[which]).sqrt();
                     // A height by cars is as uncertain as their size.
                     let sd = if which == 3 && *by_cars { sd.hypot(POPULATION_LOG_SD) } else { sd };
                     sd.is_finite().then(|| number(which, mean[which], sd, &format!(" of {file}")))
                 });
-                told.collect()
+                summaries.collect()
             }
             Self::Length { file, length } => {
-                let known = others.on_ground(length, size);
-                let log_metres = |camera: &Vector4<f64>| Some(known.measured(camera)?.0.ln());
-                let found = known.measured(&mean).zip(derivatives_by_camera(log_metres, &mean));
+                let factor = others.length_factor(length, size);
+                let log_metres = |camera: &Vector4<f64>| Some(factor.measured(camera)?.0.ln());
+                let found = factor.measured(&mean).zip(derivatives_by_camera(log_metres, &mean));
                 let Some(((metres, log_sd), by)) = found else { return Vec::new() };
                 let by = Vector4::from(by);
                 let else_sd = by.dot(&(covariance * by)).max(0.0).sqrt();

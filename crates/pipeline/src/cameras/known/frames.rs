@@ -35,7 +35,7 @@ where
         named.iter().filter(|frame| !views.contains_key(frame)).map(u64::to_string).collect();
     let warning = (left_out > 0).then(|| {
         format!(
-            "{left_out} given lengths or map points were left out: the position of the camera is not known in frame {}",
+            "{left_out} given lengths or map points were left out: the camera is not known to be at its first position in frame {}",
             missing.join(", ")
         )
     });

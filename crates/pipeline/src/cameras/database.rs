@@ -27,7 +27,7 @@ use crate::{CameraConstraints, Config, PipelineError, stem_of};
 pub(crate) const EVIDENCE: &str = "evidence.json";
 /// Largest displacement of two pictures of the same camera position, as a share of the width. A camera of 60° detects a
 /// turn of 0.2°.
-const SAME_PLACE: f64 = 0.003;
+const SAME_POSITION: f64 = 0.003;
 
 /// The cameras of a command's inputs.
 #[derive(Clone, Debug)]
@@ -36,7 +36,7 @@ pub struct CameraDatabase {
     /// Rule that assigns a camera to an input.
     id: CameraId,
     /// Stored evidence, by camera.
-    known: BTreeMap<String, Vec<CameraEvidence>>,
+    stored: BTreeMap<String, Vec<CameraEvidence>>,
 }
 
 /// A rule that assigns a camera to an input.
@@ -88,18 +88,18 @@ impl CameraDatabase {
     /// [`PipelineError::Usage`] where `id` is not valid, [`PipelineError::Write`] where the folder cannot be read.
     pub fn open(folder: &Path, id: &str, inputs: &[impl AsRef<Path>]) -> Result<Self, PipelineError> {
         let (store, id) = (EvidenceStore::new(folder), CameraId::new(id)?);
-        let mut known = BTreeMap::new();
+        let mut stored = BTreeMap::new();
         for input in inputs {
             let Some(camera) = id.of(input.as_ref()) else {
                 tracing::warn!("{}", unknown_camera(&id, input.as_ref()));
                 continue;
             };
-            if let Entry::Vacant(unread) = known.entry(camera) {
+            if let Entry::Vacant(unread) = stored.entry(camera) {
                 let evidence = sound(store.read(unread.key())?);
                 unread.insert(evidence);
             }
         }
-        Ok(Self { store, id, known })
+        Ok(Self { store, id, stored })
     }
 
     /// Returns the camera of an input; `None` if the input's name does not contain a camera.
@@ -132,8 +132,8 @@ impl CameraDatabase {
             from => tracing::info!("{name} was recorded on {recorded}, according to its {}", from.in_words()),
         }
         let clip = ClipIdentity { recorded, sha256: identity.sha256.clone(), name };
-        let known = self.known.get(&camera).map(Vec::as_slice).unwrap_or_default();
-        let evidence = known.iter().filter(|e| e.clip.sha256 != clip.sha256).cloned().collect();
+        let stored = self.stored.get(&camera).map(Vec::as_slice).unwrap_or_default();
+        let evidence = stored.iter().filter(|e| e.clip.sha256 != clip.sha256).cloned().collect();
         let place = scene.map(|scene| packed(&BackgroundPicture::of(&scene.picture)?)).transpose()?;
         Ok(Some(CameraHistory { camera, clip, models, place, evidence }))
     }
@@ -161,8 +161,8 @@ fn unknown_camera(id: &CameraId, input: &Path) -> String {
 
 /// Drops evidence that cannot be read, and reports it in the log.
 pub(crate) fn sound(read: Vec<Result<CameraEvidence, WriteError>>) -> Vec<CameraEvidence> {
-    let told = |error: &WriteError| tracing::error!("a file of the camera database is skipped: {error}");
-    read.into_iter().filter_map(|evidence| evidence.inspect_err(told).ok()).collect()
+    let report = |error: &WriteError| tracing::error!("a file of the camera database is skipped: {error}");
+    read.into_iter().filter_map(|evidence| evidence.inspect_err(report).ok()).collect()
 }
 
 /// The stored evidence that a clip starts from, and the clip's identity.
@@ -187,8 +187,8 @@ pub(crate) fn compare_views(a: &CameraEvidence, b: &CameraEvidence) -> SameView 
         a.displacement(&b)
     };
     match displacement() {
-        Some(off) if off.share <= SAME_PLACE => SameView::Same,
-        Some(off) if off.share - off.error > SAME_PLACE => SameView::Moved,
+        Some(off) if off.share <= SAME_POSITION => SameView::Same,
+        Some(off) if off.share - off.error > SAME_POSITION => SameView::Moved,
         _ => SameView::Unknown,
     }
 }
