@@ -24,7 +24,9 @@ install_packages_into() {
     echo "uv could not install these packages: pip installs them" >&2
     touch .runtime/lock/no-uv
   fi
-  PIP_CONSTRAINT=$PWD/$lock PIP_BUILD_CONSTRAINT=$PWD/$lock "$folder/bin/python" -m pip install \
+  # pip splits these variables at white space.
+  local constraints=file://${PWD// /%20}/$lock
+  PIP_CONSTRAINT=$constraints PIP_BUILD_CONSTRAINT=$constraints "$folder/bin/python" -m pip install \
     --quiet --disable-pip-version-check "$@"
 }
 
@@ -32,7 +34,7 @@ install_packages_into() {
 make_environment() {
   local folder=$1 interpreter=$2 lock=$3 options=$4 wanted
   shift 4
-  wanted=$(printf '%s\n' "$interpreter $options $*" && cat "$lock")
+  wanted=$(printf '%s\n' "$("$interpreter" --version) $interpreter $options $*" && cat "$lock")
   if [[ ! -x $folder/bin/python || $(cat "$folder/wanted.txt" 2>/dev/null) != "$wanted" ]]; then
     # shellcheck disable=SC2086 # the options are words
     "$interpreter" -m venv --clear $options "$folder" || return

@@ -146,9 +146,14 @@ class FinishedRun(unittest.TestCase):
                 table.write_parquet(bare / "tracks.parquet")
                 csv = pd.read_csv(bare / "tracks.csv", nrows=rows).assign(activity="", activity_p="")
                 csv.to_csv(bare / "tracks.csv", index=False)
-                pd.testing.assert_frame_equal(roadplane.load(bare).tracks(), pd.read_csv(bare / "tracks.csv"), rtol=1e-12)
-                expected = pl.read_csv(bare / "tracks.csv", infer_schema_length=None)
-                assert_frame_equal(roadplane.load(bare).tracks("polars"), expected, rel_tol=1e-12)
+                found = roadplane.load(bare)
+                expected = pd.read_csv(bare / "tracks.csv").astype({"observed": bool})
+                pd.testing.assert_frame_equal(found.tracks(), expected, rtol=1e-12)
+                self.assertEqual(list(found.tracks()[found.tracks()["observed"]].columns), list(expected.columns))
+                parquet = found.tracks("polars")
+                (bare / "tracks.parquet").unlink()
+                assert_frame_equal(found.tracks("polars"), parquet, rel_tol=1e-12)
+                self.assertEqual(parquet.schema, self.found.tracks("polars").schema)
 
     def test_views_are_those_of_the_motion(self) -> None:
         with tempfile.TemporaryDirectory() as folder:

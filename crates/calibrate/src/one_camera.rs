@@ -118,8 +118,9 @@ impl<I> OneCamera<I> {
         lost: Option<NotFollowedReason>,
     ) {
         let is_lost = lost.is_some();
-        let is_blind = frame.watch.as_ref().is_some_and(|watch| watch.verdict.is_blind());
-        if is_blind || is_lost {
+        let verdict = frame.watch.as_ref().map(|watch| watch.verdict);
+        let is_blind = verdict.is_some_and(PictureVerdict::is_blind);
+        if is_blind || is_lost || verdict == Some(PictureVerdict::Frozen) {
             frame.cars.clear();
             frame.weak.clear();
             frame.scene_lines = None;

@@ -45,10 +45,14 @@ pub struct Needs {
 }
 
 impl Needs {
-    /// Returns the paths that nets need: the folder of the models and the folder of ONNX Runtime.
+    /// Returns the paths that nets need: the folder of the models, the targets of links in it, and the folder of ONNX
+    /// Runtime.
     pub fn of_nets(models: Option<&Path>) -> Self {
         let runtime = find_runtime().ok().and_then(|library| Some(library.parent()?.to_path_buf()));
-        Self { reads: find_models(models).ok().into_iter().chain(runtime).collect(), ..Self::default() }
+        let models = find_models(models).ok();
+        let entries = models.iter().filter_map(|folder| std::fs::read_dir(folder).ok()).flatten().flatten();
+        let targets: Vec<PathBuf> = entries.filter_map(|entry| entry.path().canonicalize().ok()).collect();
+        Self { reads: models.into_iter().chain(targets).chain(runtime).collect(), ..Self::default() }
     }
 
     /// Adds paths to read.

@@ -44,6 +44,12 @@ impl Clock {
         self.last_nanos.map_or(0.0, |nanos| nanos as f64 * 1e-9)
     }
 
+    /// Begins with a frame of a stream that is known to be steady, ms from the start of the stream.
+    pub(crate) fn begin_steady(&mut self, millis: f64) {
+        self.tick(millis);
+        self.steady_steps = STEADY_STEPS;
+    }
+
     /// Processes the next frame's time as the stream states it, ms from the start of the stream.
     pub(crate) fn tick(&mut self, millis: f64) -> Tick {
         let stated = (millis.is_finite() && millis.abs() < 1e12).then_some((millis * 1e6).round() as i64);

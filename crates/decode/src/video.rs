@@ -116,7 +116,7 @@ impl Video {
             Some((index, millis)) => {
                 self.begun_within = true;
                 self.next_index = index + 1;
-                self.clock.tick(millis);
+                self.clock.begin_steady(millis);
             }
             None => {
                 tracing::info!(
@@ -143,7 +143,10 @@ impl Video {
         self.capture.set(CAP_PROP_POS_MSEC, 1e3 * from_s).ok()?;
         let here = millis(&mut self.capture)?;
         let steps = (here - first) / step;
-        let known = is_steady((second - first) / step) && is_steady(steps) && steps >= 1.0;
+        // The mean rate of a video with missing pictures is no rate of a camera. Its steps would drift.
+        let is_rate = |rate: f64| (2.0 * rate - (2.0 * rate).round()).abs() < 1e-6 * rate;
+        let is_nominal = is_rate(self.fps) || is_rate(1.001 * self.fps);
+        let known = is_nominal && is_steady((second - first) / step) && is_steady(steps) && steps >= 1.0;
         (known && here < 1e3 * before_s).then_some((steps.round() as u64, here))
     }
 

@@ -113,7 +113,8 @@ impl RoiScheduler {
     ) -> Result<RoiDetections, DetectError> {
         let time_s = stamp.time_s();
         let all_cells = || ChangeMap::new(&observation.small).all_cells();
-        self.view = observation.view;
+        // A black picture has no boxes to move.
+        self.view = observation.view.filter(|_| !observation.record.verdict.is_blind());
         if observation.record.verdict.is_blind() {
             return Ok(RoiDetections {
                 cars: Vec::new(),

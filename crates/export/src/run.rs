@@ -212,8 +212,7 @@ impl Run {
 impl Track {
     /// Creates a track. `shape` is the fitted shape from the track's poses.
     ///
-    /// Trucks and buses have no fitted shape. Their position is the point at which their bounding box touches the
-    /// ground.
+    /// Other classes than cars have no fitted shape. Their position is the middle of a box-shaped body.
     fn new(id: u64, rows: Vec<TrackRow>, shape: Option<Shape>, atlas: &ShapeAtlas) -> Self {
         let class = rows.first().map_or(VehicleClass::Car, |row| row.class);
         let is_placed_by_middle = class != VehicleClass::Car;

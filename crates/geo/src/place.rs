@@ -53,8 +53,8 @@ pub struct Fit {
     pub height_m: f64,
     /// Sd of the height, m.
     pub height_sd_m: f64,
-    /// Metres on the map per metre in the run's world frame, at the point below the camera. The run's world frame does
-    /// not use the survey.
+    /// Metres on the map per metre in the world frame before the fit, at the point below the camera. A run with surveyed
+    /// points has the world frame after the fit.
     pub scale: f64,
     /// Residual of each point (easting, northing), m: the fitted position minus the surveyed position.
     pub residuals_m: Vec<[f64; 2]>,

@@ -197,7 +197,7 @@ pub(crate) fn prepare(
     with_runtime(explicit, |runtime| {
         let processor = Processor::here();
         let openvino = match choice {
-            ProviderChoice::Openvino => Some(register_openvino(runtime)),
+            ProviderChoice::Openvino => Some(room_for_openvino().and_then(|()| register_openvino(runtime))),
             ProviderChoice::Auto if processor.bf16_matrices => {
                 Some(room_for_openvino().and_then(|()| register_openvino(runtime)))
             }

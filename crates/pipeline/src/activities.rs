@@ -106,7 +106,7 @@ pub(crate) fn write_events(path: &Path, mut events: Vec<Event>) -> Result<(), Pi
 /// Returns the number of events.
 ///
 /// # Errors
-/// [`PipelineError`]; neither file is then written.
+/// [`PipelineError`]. The events are written after the table, so an error may leave the table alone.
 pub fn activity_file(
     tracks: &Path,
     out: &Path,
@@ -114,7 +114,7 @@ pub fn activity_file(
     config: &Config,
     cancel: &Cancel,
 ) -> Result<usize, PipelineError> {
-    TableFormat::of(out)?;
+    TableFormat::of(out).map_err(|error| PipelineError::usage(&error.to_string()))?;
     let mut rows = read_table(tracks)?;
     let mut net = open_activity(models, config)?;
     let bad = |place: usize, what: String| {
@@ -195,7 +195,11 @@ impl Sample {
             xy_m: [needed("x_m")?, needed("y_m")?],
             heading_rad: given("heading_rad")?,
             sd_m: sd("x_sd_m", "x_own_sd_m")?.zip(sd("y_sd_m", "y_own_sd_m")?).map(|(x, y)| [x, y]),
-            seen: row.get("observed").and_then(Value::as_bool).unwrap_or(true),
+            seen: match row.get("observed") {
+                None | Some(Value::Null) => true,
+                Some(value) => (value.as_bool().or(value.as_i64().map(|number| number != 0)))
+                    .ok_or("observed is neither true nor false")?,
+            },
         })
     }
 }

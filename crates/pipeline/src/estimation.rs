@@ -19,6 +19,7 @@ use crate::cameras::known::{contradiction, in_first_picture, not_compared_in_wor
 use crate::not_followed::{FollowCount, NotFollowed};
 use crate::tracks::known::tracked_cars;
 use crate::tracks::pass::{Pass, Tally};
+use crate::tracks::poses::move_to_picture;
 use crate::tracks::views::Views;
 use crate::tracks::{Load, MOST_ROWS, Numbers, Replay, TimeChunk};
 use crate::{CameraConstraints, Cancel, Config, PipelineError};
@@ -279,7 +280,7 @@ pub(crate) fn solve_constrained_clip(
             is_kept
         });
         let tracks = numbers.give(tracks, chunk);
-        poses.add(&spool, &tracks)?;
+        poses.add(&spool, &tracks, &views)?;
         shapes.extend(tracks.iter().map(|track| (track.id, track.shape.mean)));
         evidence.extend(tracks.iter().map(|track| (track.id, track.evidence)));
         joins.extend(tracks.iter().map(|track| (track.id, track.joins.clone())));
@@ -323,12 +324,15 @@ struct Poses {
 
 impl Poses {
     /// Reads the poses of a time chunk from the file `spool`. Writes each pose to `poses.jsonl` with the number of its
-    /// track.
-    fn add(&mut self, spool: &Path, tracks: &[Track]) -> Result<(), PipelineError> {
+    /// track, and with the pixels of its own frame.
+    fn add(&mut self, spool: &Path, tracks: &[Track], views: &Views) -> Result<(), PipelineError> {
         let tracked: BTreeMap<CarRef, u64> =
             tracks.iter().flat_map(|track| track.measured().map(|(key, _)| (key, track.id))).collect();
         for pose in read_jsonl::<PoseRecord>(spool)? {
             let mut pose = pose?;
+            if let Some(picture_from_world) = views.of(pose.frame) {
+                move_to_picture(&mut pose, picture_from_world);
+            }
             pose.track = tracked.get(&CarRef { frame: pose.frame, car: pose.car }).copied();
             self.used += u64::from(pose.used);
             if pose.track.is_some() && pose.pose_from.is_none() {

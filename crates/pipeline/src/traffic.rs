@@ -12,7 +12,7 @@ mod samples;
 mod tables;
 mod world;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::{Path, PathBuf};
 
 use roadplane_traffic::{
@@ -59,6 +59,10 @@ pub fn traffic(inputs: &[PathBuf], options: &TrafficOptions) -> Result<TrafficRe
     let mut clips = Vec::new();
     for input in inputs {
         clips.extend(read_input(input, &clock, start_s)?);
+    }
+    let names: BTreeSet<&str> = clips.iter().map(|clip| clip.clip.name.as_str()).collect();
+    if start_s.is_some() && names.len() > 1 {
+        return Err(PipelineError::usage("--start is the date of one clip, but there are several"));
     }
     let mut warnings = Vec::new();
     let cameras = by_camera(clips, camera_id.as_ref(), &mut warnings);
@@ -257,6 +261,10 @@ fn by_camera(
         };
         // Each position of the camera has a world of its own.
         let camera = if clip.world_number > 1 { format!("{camera}/{}", clip.world_number) } else { camera };
+        // Clips of one name in different folders are different cameras, unless a name of the camera is given.
+        let is_alone = clip.clip.start_s.is_none() || (camera_id.is_none() && clip.camera.is_none());
+        let is_taken = is_alone && cameras.contains_key(&camera);
+        let camera = if is_taken { format!("{camera} ({})", cameras.len() + 1) } else { camera };
         cameras.entry(camera).or_default().push(clip);
     }
     for clips in cameras.values_mut() {

@@ -1,7 +1,7 @@
 //! Help texts in groups with an example for each command, manual pages, and shell completions.
 
 use std::fmt::Write as _;
-use std::io::stdout;
+use std::io::{Write as _, stdout};
 use std::path::Path;
 
 use anyhow::Context as _;
@@ -50,9 +50,12 @@ pub fn manual(command: Command, out: &Path) -> anyhow::Result<Outcome> {
 /// Prints the completion script for a shell.
 ///
 /// # Errors
-/// Never fails. The function returns a `Result` like every other command.
+/// Fails if the script cannot be printed.
 pub fn completions(mut command: Command, shell: clap_complete::Shell) -> anyhow::Result<Outcome> {
     let name = command.get_name().to_owned();
-    clap_complete::generate(shell, &mut command, name, &mut stdout().lock());
+    // The library panics where it cannot print, for example into a closed pipe.
+    let mut script = Vec::new();
+    clap_complete::generate(shell, &mut command, name, &mut script);
+    stdout().lock().write_all(&script)?;
     Ok(Outcome::Done)
 }

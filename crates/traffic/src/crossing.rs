@@ -76,13 +76,18 @@ pub fn crossings(gate: &Gate, index: usize, vehicle: &Vehicle) -> Vec<Crossing> 
     }
     found.extend(line.beyond_path(index, vehicle));
     found.sort_by(|a, b| a.time_s.total_cmp(&b.time_s));
-    let times: Vec<f64> = found.iter().map(|crossing| crossing.time_s).collect();
-    for (i, crossing) in found.iter_mut().enumerate() {
-        let from_s = if i == 0 { f64::NEG_INFINITY } else { times[i - 1] };
-        let to_s = times.get(i + 1).copied().unwrap_or(f64::INFINITY);
-        line.measure_depths(vehicle, crossing, from_s, to_s);
-    }
-    without_jitter(found)
+    let measure = |found: &mut [Crossing]| {
+        let times: Vec<f64> = found.iter().map(|crossing| crossing.time_s).collect();
+        for (i, crossing) in found.iter_mut().enumerate() {
+            let from_s = if i == 0 { f64::NEG_INFINITY } else { times[i - 1] };
+            let to_s = times.get(i + 1).copied().unwrap_or(f64::INFINITY);
+            line.measure_depths(vehicle, crossing, from_s, to_s);
+        }
+    };
+    measure(&mut found);
+    let mut kept = without_jitter(found);
+    measure(&mut kept);
+    kept
 }
 
 /// Removes pairs of opposite crossings between which the vehicle was hardly on the other side.

@@ -61,8 +61,8 @@ impl Site {
             let mut at = begin(from);
             while at < to || at == begin(from) {
                 begins.push(at);
-                // The middle of the next period, so that a change of the clocks does not skip one.
-                at = begin(at + 1.5 * every_s).max(at + 1.0);
+                // The last period of a day may be shorter or longer, because the clocks change.
+                at = begin(at + every_s).max(at + 1.0);
             }
         }
         begins.sort_by(f64::total_cmp);

@@ -133,7 +133,8 @@ impl Sums {
                 .collect();
             here.sort_by(|a, b| a.span_s[0].total_cmp(&b.span_s[0]));
             for visit in &here {
-                let time_s = visit.within_s(from, to);
+                let [begin_s, end_s] = visit.span_s;
+                let time_s = clip.clip.followed_s(begin_s.max(from), end_s.min(to));
                 sums.stay_s += time_s;
                 sums.path_m += visit.path_m * time_s / visit.time_s();
             }
@@ -151,8 +152,11 @@ impl Sums {
                 }
                 at += SAMPLE_S;
             }
-            let zone = clip.zones.iter().find(|zone| zone.name == place);
-            sums.length_m = zone.map_or(0.0, |zone| length_along(&zone.outline, &direction(clip, &here)));
+            // Without vehicles, the direction of the traffic is unknown.
+            if !here.is_empty() || sums.length_m == 0.0 {
+                let zone = clip.zones.iter().find(|zone| zone.name == place);
+                sums.length_m = zone.map_or(0.0, |zone| length_along(&zone.outline, &direction(clip, &here)));
+            }
         }
         sums
     }

@@ -335,7 +335,9 @@ pub(crate) fn resampled(
 /// of the missing neighbour.
 fn smoothed(values: &[f32], width: usize, height: usize) -> Vec<f32> {
     let mut across = values.to_vec();
-    for (out, row) in across.chunks_exact_mut(width).zip(values.chunks_exact(width)) {
+    // A reduced picture may have no column.
+    let row = width.max(1);
+    for (out, row) in across.chunks_exact_mut(row).zip(values.chunks_exact(row)) {
         for (out, three) in out[1..].iter_mut().zip(row.windows(3)) {
             *out = 0.25 * three[0] + 0.5 * three[1] + 0.25 * three[2];
         }

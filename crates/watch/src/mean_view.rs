@@ -31,7 +31,7 @@ impl MeanView {
                 let elapsed_s = (time_s - last_s).max(0.0);
                 let covered_s = (covered_s + elapsed_s).min(AVERAGED_S);
                 self.covered = Some((covered_s, time_s));
-                if covered_s > 0.0 { elapsed_s / covered_s } else { 0.0 }
+                if covered_s > 0.0 { (elapsed_s / covered_s).min(1.0) } else { 0.0 }
             }
         };
         let numbers = view.picture_from_keyframe.homography.numbers();

@@ -109,11 +109,12 @@ fn read_csv(path: &Path) -> Result<Vec<TableRow>, WriteError> {
 fn csv_value(text: &str) -> Value {
     match text {
         "" => Value::Null,
-        "true" => Value::Bool(true),
-        "false" => Value::Bool(false),
+        "true" | "True" | "TRUE" => Value::Bool(true),
+        "false" | "False" | "FALSE" => Value::Bool(false),
         _ => match (text.parse::<i64>(), text.parse::<f64>()) {
-            (Ok(whole), _) => whole.into(),
-            (_, Ok(number)) if number.is_finite() => number.into(),
+            // Other digits, such as those of 007, are text.
+            (Ok(whole), _) if whole.to_string() == text => whole.into(),
+            (Err(_), Ok(number)) if number.is_finite() => number.into(),
             _ => text.into(),
         },
     }

@@ -92,7 +92,11 @@ fn sample(numbers: &Numbers, class: Option<&str>) -> Option<TrackSample> {
         value.is_finite().then_some(value)
     };
     let pair = |a: &str, b: &str| Some([number(a)?, number(b)?]);
-    let class = class.and_then(|text| VehicleClass::ALL.into_iter().find(|class| class.name() == text));
+    let named = |text: &str| VehicleClass::ALL.into_iter().find(|class| class.name() == text);
+    let class = match class.filter(|text| !text.is_empty()) {
+        Some(text) => Some(named(text)?),
+        None => None,
+    };
     Some(TrackSample {
         time_s: number("time_s")?,
         track: number("track").filter(|n| *n >= 0.0 && n.fract() == 0.0)? as u64,
@@ -120,7 +124,9 @@ fn check_columns(path: &Path, has: impl Fn(&str) -> bool) -> Result<(), WriteErr
 }
 
 fn no_sample(path: &Path, row: usize) -> WriteError {
-    let what = format!("row {row}: time_s, x_m and y_m must be numbers, and track a whole number");
+    let what = format!(
+        "row {row}: time_s, x_m and y_m must be numbers, track a whole number, and class car, truck, bus or motorcycle"
+    );
     WriteError::malformed(path, what)
 }
 

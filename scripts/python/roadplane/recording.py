@@ -41,8 +41,10 @@ def record(run: Run, path: Path, video: Path | None) -> None:
                     last = row["frame"]
                     _log_camera(camera, run.view(last), is_static=False)
                 _log_row(row)
+        times = rows.drop_duplicates("frame").set_index("frame")["time_s"].sort_index()
+        step_s = float(times.diff().median()) if len(times) > 1 else 0.0
         for track, frame in rows.groupby("track")["frame"].max().items():
-            rr.set_time("frame", sequence=frame + 1)
+            _set_time(frame + 1, float(times[frame]) + step_s)
             for entity in (f"world/cars/{track}", f"world/camera/picture/{track}"):
                 rr.log(entity, rr.Clear(recursive=False))
     os.replace(unfinished, path)

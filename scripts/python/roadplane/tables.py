@@ -31,7 +31,7 @@ def tracks_pandas(folder: Path) -> pd.DataFrame:
     """Reads the tracks into pandas. Both files give the same columns and types."""
     path = folder / "tracks.parquet"
     if not path.is_file():
-        return pd.read_csv(folder / "tracks.csv")
+        return pd.read_csv(folder / "tracks.csv").astype({"observed": bool})
     table = pd.read_parquet(path)
     corners = np.vstack([np.empty((0, 4)), *table["bbox_px"]])
     at = list(table.columns).index("bbox_px")
@@ -46,7 +46,8 @@ def tracks_pandas(folder: Path) -> pd.DataFrame:
             table[name] = np.nan
         elif table[name].dtype == object:
             table[name] = table[name].where(table[name].notna(), np.nan)
-    return table
+    # A mask without rows keeps the columns only if it is boolean.
+    return table.astype({"observed": bool})
 
 
 def tracks_polars(folder: Path) -> pl.DataFrame:
@@ -54,15 +55,15 @@ def tracks_polars(folder: Path) -> pl.DataFrame:
     polars = extra("polars")
     path = folder / "tracks.parquet"
     if not path.is_file():
-        csv: pl.DataFrame = polars.read_csv(folder / "tracks.csv", infer_schema_length=None)
+        names = polars.read_csv(folder / "tracks.csv", n_rows=0).columns
+        types = dict.fromkeys(names, polars.Float64) | dict.fromkeys(("class", "activity", "utm_zone"), polars.String)
+        types |= dict.fromkeys(("frame", "track", "segment", "ground"), polars.Int64) | {"observed": polars.Boolean}
+        csv: pl.DataFrame = polars.read_csv(folder / "tracks.csv", schema_overrides={name: types[name] for name in names})
         return csv
     table: pl.DataFrame = polars.read_parquet(path)
     corners = [polars.col("bbox_px").list.get(i).alias(name) for i, name in enumerate(BOX_COLUMNS)]
     at = table.columns.index("bbox_px")
-    table = table.select([*table.columns[:at], *corners, *table.columns[at + 1 :]])
-    # As read_csv types them: a column without values holds text.
-    empty = [name for name in table.columns if table[name].null_count() == table.height]
-    return table.with_columns(polars.col(empty).cast(polars.String))
+    return table.select([*table.columns[:at], *corners, *table.columns[at + 1 :]])
 
 
 def poses_pandas(folder: Path) -> pd.DataFrame:

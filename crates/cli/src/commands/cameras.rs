@@ -38,6 +38,10 @@ pub fn cameras(args: &CamerasArgs) -> anyhow::Result<Outcome> {
             }
         }
         CamerasCommand::Merge(args) => {
+            for folder in &args.from {
+                let fail = |source| PipelineError::Unreadable { source, path: folder.clone() };
+                folder.metadata().map_err(fail)?;
+            }
             let merged = merge_cameras(&args.from, &args.out)?;
             tracing::info!("{merged} new clips: {}", args.out.display());
         }

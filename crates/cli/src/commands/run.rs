@@ -57,6 +57,7 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         let _sent = sender.send(input);
     }
     drop(sender);
+    let mut unstarted = None;
     std::thread::scope(|scope| {
         for job in 0..jobs {
             let (receiver, worst, options, config) = (receiver.clone(), &worst, &options, &config);
@@ -86,6 +87,7 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
             let spawned = std::thread::Builder::new().name(format!("job-{job}")).spawn_scoped(scope, work);
             if let Err(error) = spawned {
                 tracing::error!("job {job} cannot be started: {error}");
+                unstarted = Some(error);
             }
         }
     });
@@ -95,6 +97,9 @@ pub fn run(args: &RunArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
     }
     if let Some(signal) = cancel.signal() {
         return Err(PipelineError::Stopped { signal }.into());
+    }
+    if let Some(source) = unstarted.filter(|_| !receiver.is_empty()) {
+        return Err(PipelineError::Thread { source }.into());
     }
     if let Some(cameras) = &options.cameras {
         for result in &worst.finished {

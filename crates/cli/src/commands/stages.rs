@@ -59,8 +59,7 @@ pub fn solve(args: &SolveArgs, cancel: &Cancel) -> anyhow::Result<Outcome> {
         MethodArg::Joint => SolveMethod::Joint,
     };
     let options = SolveOptions { constraints, method };
-    solve_file(&args.frames, &args.out, &options, &config, cancel, &Bar::new("solve"))?;
-    Ok(Outcome::Done)
+    Ok(outcome(solve_file(&args.frames, &args.out, &options, &config, cancel, &Bar::new("solve"))?))
 }
 
 /// Reads frames with keypoints, and writes tracks.

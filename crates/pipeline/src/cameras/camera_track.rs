@@ -44,11 +44,7 @@ pub(super) fn by_visits(
     visits: &[Visit],
 ) -> Vec<CameraEstimate> {
     let of_visit = |visit: &Visit| {
-        let estimate = estimates.get(&visit.position)?;
-        let span_s = [estimate.span_s[0].max(visit.span_s[0]), estimate.span_s[1].min(visit.span_s[1])];
-        // Cars may have been found during other visits only.
-        let span_s = if span_s[0] > span_s[1] { visit.span_s } else { span_s };
-        Some(CameraEstimate { span_s, ..estimate.clone() })
+        Some(CameraEstimate { span_s: visit.span_s, ..estimates.get(&visit.position)?.clone() })
     };
     // Every frame belongs to a visit.
     visits.iter().filter_map(of_visit).collect()
@@ -121,8 +117,8 @@ mod tests {
                 .map(|estimate| estimate.span_s)
                 .collect()
         };
-        assert_eq!(spans([1.0, 11.0], 0), [[1.0, 4.0], [8.0, 11.0]]);
-        assert_eq!(spans([9.0, 11.0], 0), [[0.0, 4.0], [9.0, 11.0]], "no cars in the first visit");
-        assert_eq!(spans([5.0, 7.0], 1), [[5.0, 7.0]], "position 0 has no estimate");
+        assert_eq!(spans([1.0, 11.0], 0), [[0.0, 4.0], [8.0, 12.0]], "times without cars belong to it");
+        assert_eq!(spans([9.0, 11.0], 0), [[0.0, 4.0], [8.0, 12.0]], "no cars in the first visit");
+        assert_eq!(spans([5.0, 7.0], 1), [[4.0, 8.0]], "position 0 has no estimate");
     }
 }

@@ -14,7 +14,7 @@ use roadplane_base::FrameRecord;
 use roadplane_decode::DecodeReport;
 use roadplane_view::ViewError;
 use roadplane_watch::EmptyScene;
-use roadplane_write::{FrameReader, OutFile, StageSeconds, WatchSummary};
+use roadplane_write::{FrameReader, OutFile, StageSeconds, WatchSummary, WriteError};
 
 use crate::commands::piece::{PieceFile, STILLS, read_piece};
 use crate::commands::run::{complete, finished_before};
@@ -123,17 +123,24 @@ fn perceived_of(
     config: &Config,
 ) -> Result<Perceived, PipelineError> {
     let mut joined = OutFile::create(spool)?;
-    for (folder, _) in pieces {
+    for (folder, piece) in pieces {
         let path = folder.join(SPOOL);
         let unreadable = |source| PipelineError::Unreadable { source, path: path.clone() };
         let mut reader = BufReader::new(File::open(&path).map_err(unreadable)?);
         let mut buffer = vec![0; 1 << 18];
+        let mut frames = 0;
         loop {
             let read = reader.read(&mut buffer).map_err(unreadable)?;
             if read == 0 {
                 break;
             }
+            frames += buffer[..read].iter().filter(|byte| **byte == b'\n').count() as u64;
             joined.write_bytes(&buffer[..read])?;
+        }
+        let made = piece.decode.delivered;
+        if frames != made {
+            let what = format!("{frames} of {made} frames are there: copy the piece again");
+            return Err(WriteError::malformed(&path, what).into());
         }
     }
     joined.finish()?;

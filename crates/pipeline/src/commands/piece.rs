@@ -184,7 +184,12 @@ pub fn run_piece(
     let name = piece.folder(&stem);
     let finished = out.join(&name);
     if options.resume && finished.join(PIECE).is_file() {
-        return Ok(report(finished.clone(), &read_piece(&finished)?.decode));
+        let before = read_piece(&finished)?;
+        if before.stamp.piece != Some(piece) {
+            let what = format!("another piece is there already; use --overwrite: {}", finished.display());
+            return Err(PipelineError::usage(&what));
+        }
+        return Ok(report(finished, &before.decode));
     }
     let meter = Meter::start(options.alone);
     let input = open_input_part(input_path, &piece, config)?;

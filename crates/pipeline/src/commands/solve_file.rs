@@ -5,15 +5,16 @@ use std::fs::File;
 use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 
-use roadplane_base::{CameraEstimate, CameraStatus, CarRecord, FrameRecord, ShapeAtlas};
+use roadplane_base::{CameraEstimate, CameraStatus, CarRecord, FrameRecord, PoseRecord, ShapeAtlas};
 use roadplane_measure::{FrameCamera, any_car, fit_frame, usable};
 use roadplane_solve::{FreeCarFit, SceneOptions, ShapePrior, fit_free_car};
-use roadplane_write::{FrameReader, PoseLines, write_camera};
+use roadplane_write::{FrameReader, PoseLines, RunStatus, write_camera};
 
 use crate::cameras::estimate::{CameraInputs, optics_of};
 use crate::cameras::frame::{estimate_frame, estimate_frame_as_paper, prior_camera};
 use crate::cameras::known::{contradiction, in_first_picture};
-use crate::tracks::poses::{CarriedPoses, free_pose_record, pose_record};
+use crate::not_followed::FollowCount;
+use crate::tracks::poses::{CarriedPoses, free_pose_record, move_to_picture, pose_record};
 use crate::{CameraConstraints, Cancel, Config, PipelineError, Progress};
 
 /// Method that estimates the camera and the poses of cars from frames.
@@ -42,12 +43,13 @@ pub struct SolveOptions {
 }
 
 /// Estimates the camera and the poses of cars from a file of frames. Writes the poses to `out`, and `camera.json` to
-/// the same folder.
+/// the same folder. Returns whether the vehicles of many frames were left out, as the camera's motion is unknown there.
 ///
 /// If a camera cannot be estimated, its values and sds are those of the prior, and a warning is logged.
 ///
 /// # Errors
-/// Returns a [`PipelineError`] if estimation cannot be completed. Both files are then unchanged.
+/// Returns a [`PipelineError`] if estimation cannot be completed. Only if `camera.json` cannot be written, the poses are
+/// there alone.
 pub fn solve_file(
     frames: &Path,
     out: &Path,
@@ -55,7 +57,7 @@ pub fn solve_file(
     config: &Config,
     cancel: &Cancel,
     progress: &dyn Progress,
-) -> Result<(), PipelineError> {
+) -> Result<bool, PipelineError> {
     let atlas = ShapeAtlas::shipped()?;
     let count = lines(frames)?;
     let optics = optics_of(frames, &options.constraints, None, &atlas, config)?;
@@ -70,6 +72,12 @@ pub fn solve_file(
     };
     let (constraints, _, warning) = in_first_picture(&options.constraints, None, || read("frames"))?;
     warning.iter().for_each(|warning| tracing::warn!("{warning}"));
+    let mut followed = FollowCount::default();
+    for frame in read("frames")? {
+        followed.add(&frame?);
+    }
+    let not_followed = followed.finish();
+    not_followed.in_words().iter().for_each(|warning| tracing::warn!("{warning}"));
     let scene = config.solve.scene_options(None);
     let mut poses = Poses {
         lines: PoseLines::create(out)?,
@@ -152,7 +160,8 @@ pub fn solve_file(
     if estimates.iter().any(|estimate| estimate.status == CameraStatus::Unobservable) {
         tracing::warn!("at least one camera could not be estimated: its values are those of the prior");
     }
-    Ok(write_camera(&out.with_file_name("camera.json"), &estimates, Vec::new())?)
+    write_camera(&out.with_file_name("camera.json"), &estimates, Vec::new())?;
+    Ok(not_followed.status(false) != RunStatus::Complete)
 }
 
 /// Fits the cars of frames and writes their poses to a file.
@@ -184,7 +193,7 @@ impl Poses<'_> {
                 self.carried.store(pose);
             }
             if let Some(pose) = fitted.or_else(|| self.carried.line(frame, i)) {
-                self.lines.write(&pose)?;
+                self.write(pose, frame)?;
             }
         }
         Ok(())
@@ -203,10 +212,18 @@ impl Poses<'_> {
             let record =
                 fit.as_ref().and_then(|fit| free_pose_record(frame, i, fit, &plane, &self.scene, self.atlas));
             if let Some(pose) = record {
-                self.lines.write(&pose)?;
+                self.write(pose, frame)?;
             }
         }
         Ok(())
+    }
+
+    /// Writes a pose with the pixels of its own frame.
+    fn write(&mut self, mut pose: PoseRecord, frame: &FrameRecord) -> Result<(), PipelineError> {
+        if let Some(picture_from_world) = frame.watch.as_ref().and_then(|watch| watch.picture_from_world) {
+            move_to_picture(&mut pose, &picture_from_world);
+        }
+        Ok(self.lines.write(&pose)?)
     }
 
     fn check_stop(&self) -> Result<(), PipelineError> {

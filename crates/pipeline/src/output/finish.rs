@@ -148,12 +148,16 @@ fn run_traffic(run: &TrafficRun<'_>, road: Option<&RoadPicture<'_>>, summary: &m
         std::fs::create_dir_all(&tables)
             .map_err(|source| PipelineError::Unreadable { source, path: tables.clone() })?;
         write_traffic(&mut report, &tables)?;
-        Ok(sections)
+        Ok((sections, std::mem::take(&mut report.file.warnings)))
     });
-    sections.unwrap_or_else(|error| {
-        summary.warnings.push(format!("no tables of traffic: {error}"));
-        String::new()
-    })
+    let (sections, warnings) = sections.unwrap_or_else(|error| {
+        // Some of the tables may be written.
+        std::fs::remove_dir_all(&tables).ok();
+        (String::new(), vec![format!("no tables of traffic: {error}")])
+    });
+    warnings.iter().for_each(|warning| tracing::warn!("{warning}"));
+    summary.warnings.extend(warnings);
+    sections
 }
 
 fn summary_of(perceived: &Perceived, solution: &ClipSolution, config: &Config) -> Summary {

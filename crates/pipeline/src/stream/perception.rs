@@ -259,7 +259,8 @@ fn stream_to_spool(
     let is_own = move |record: &FrameRecord| piece.is_none_or(|piece| record.time_s >= piece.from_s as f64);
     let is_due = move |record: &FrameRecord| is_own(record) && is_new(record);
     let cadence = Cadence::of(&input, config);
-    let is_continued = recovered.frames > 0 || piece.is_some_and(|piece| piece.from_s > 0);
+    let is_later_piece = piece.is_some_and(|piece| piece.from_s as f64 > config.decode.start_s);
+    let is_continued = recovered.frames > 0 || is_later_piece;
     let lines = LineFinder::new(is_continued || !config.solve.reads_scene());
     let stages = vec![
         watch_stage(),

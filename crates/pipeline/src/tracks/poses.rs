@@ -2,8 +2,10 @@
 
 use std::collections::BTreeMap;
 
+use nalgebra::Vector2;
 use roadplane_base::{
-    CarRef, FrameRecord, GroundPlane, KEYPOINTS, PoseRecord, Shape, ShapeAtlas, rows_from_isometry,
+    CarRef, FrameRecord, GroundPlane, KEYPOINTS, PictureMotion, PoseRecord, Shape, ShapeAtlas,
+    rows_from_isometry,
 };
 use roadplane_measure::{FrameCamera, POSE_SD_RATIO};
 use roadplane_solve::{CarFit, FreeCarFit, SceneOptions};
@@ -52,6 +54,15 @@ pub fn free_pose_record(
         used: fit.inliers.iter().filter(|inlier| **inlier).count() >= options.min_inliers,
         ..record_of(frame, index, &fit.shape, fit.reprojection_rms_px, atlas)?
     })
+}
+
+/// Converts the pixels of a pose from the world picture to the picture of its frame.
+pub fn move_to_picture(pose: &mut PoseRecord, picture_from_world: &PictureMotion) {
+    pose.bbox_px = picture_from_world.apply_to_box(&pose.bbox_px);
+    for [x, y, ..] in pose.keypoints_px.iter_mut().flatten() {
+        let at = picture_from_world.apply(&Vector2::new(*x, *y));
+        (*x, *y) = (at.x, at.y);
+    }
 }
 
 /// Returns the sd of a pose's number from its variance under independent errors of the keypoints; `None` if not finite.

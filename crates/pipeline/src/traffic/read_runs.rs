@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use roadplane_base::{PictureMotion, PictureVerdict, Shape, ShapeAtlas};
 use roadplane_geo::Fit;
-use roadplane_traffic::{Clip, Clock};
+use roadplane_traffic::{Clip, Clock, Vehicle};
 use roadplane_write::{
     CameraFile, CameraSegment, FrameMotion, Summary, WriteError, read_camera, read_summary,
     read_track_samples, start_in_name,
@@ -41,7 +41,11 @@ pub(super) fn read_input(
         return read_run(input, &stem_of_run(input), &summary, clock, start_s);
     }
     let mut inner = children(input)?;
-    inner.retain(|path| path.is_dir() || path.extension().is_some_and(|e| e == "parquet"));
+    // An earlier output of this command is no input.
+    inner.retain(|path| {
+        let is_table = path.extension().is_some_and(|e| e == "parquet");
+        is_table || path.is_dir() && !path.join("traffic.json").is_file()
+    });
     let mut clips = Vec::new();
     for path in inner {
         if !path.is_dir() || !children(&path)?.is_empty() {
@@ -73,6 +77,9 @@ fn children(folder: &Path) -> Result<Vec<PathBuf>, PipelineError> {
 fn read_table(path: &Path, clock: &Clock, start_s: Option<f64>) -> Result<Vec<RunClip>, PipelineError> {
     let mut vehicles = Vehicles::default();
     read_track_samples(path, |sample| vehicles.add(&sample, None, 0.0))?;
+    if vehicles.is_unsorted {
+        return Err(WriteError::malformed(path, "the rows of a track must be in the order of time").into());
+    }
     let stem = path.file_stem().unwrap_or_default().to_string_lossy().into_owned();
     // The nightly data set is divided into folders with names such as `camera=gate-3`.
     let camera = path
@@ -83,21 +90,19 @@ fn read_table(path: &Path, clock: &Clock, start_s: Option<f64>) -> Result<Vec<Ru
         Some(clock.unix_of(jiff::tz::TimeZone::UTC.to_datetime(moment))? + s.fract())
     });
     let named = start_in_name(&stem).and_then(|local| clock.unix_of(local));
-    let span_s = vehicles.span_s.unwrap_or_default();
     let scale_sd = (!vehicles.lack_sds && vehicles.span_s.is_some()).then_some(0.0);
     let found = vehicles.finish(&[]);
-    let clip = |(segment, vehicles): (usize, Vec<_>)| RunClip {
-        clip: Clip {
+    let clip = |(segment, vehicles): (usize, Vec<Vehicle>)| {
+        let spans = vehicles.iter().map(Vehicle::span_s);
+        let clip = Clip {
             name: stem.clone(),
             start_s: start_s.or(local).or(named),
-            span_s,
+            span_s: spans.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]).unwrap_or_default(),
             not_followed_s: Vec::new(),
             scale_sd,
             vehicles,
-        },
-        world: None,
-        world_number: segment + 1,
-        camera: camera.clone(),
+        };
+        RunClip { clip, world: None, world_number: segment + 1, camera: camera.clone() }
     };
     Ok(found.into_iter().map(clip).collect())
 }
@@ -117,8 +122,8 @@ pub(super) fn read_run(
     let mut worlds: Vec<Option<World>> = Vec::new();
     for (i, segment) in segments.iter().enumerate() {
         let is_first = world_of[i] == i;
-        let motion = motion_in(&camera, segment);
         let visits = (i..segments.len()).filter(|&j| world_of[j] == i);
+        let motion = visits.clone().flat_map(|j| motion_in(&camera, &segments[j])).collect();
         let frames = visits.map(|j| first_frame(summary, &camera, j)..first_frame(summary, &camera, j + 1));
         worlds
             .push(is_first.then(|| World::new(segment.estimate(), motion, place.clone(), frames.collect())));

@@ -25,6 +25,8 @@ pub(super) struct Vehicles {
     pub(super) span_s: Option<[f64; 2]>,
     /// Local time of the clip's time 0, s.
     pub(super) start_local_s: Option<f64>,
+    /// Whether the samples of a track are not in the order of time.
+    pub(super) is_unsorted: bool,
 }
 
 struct Track {
@@ -74,6 +76,7 @@ impl Vehicles {
             }
         });
         let step = track.vehicle.states.last().map_or(f64::INFINITY, |last| sample.time_s - last.time_s);
+        self.is_unsorted |= sample.time_s < track.last.time_s;
         track.last = *sample;
         if step >= LEAST_STEP_S {
             track.push(sample, world);

@@ -85,12 +85,12 @@ impl World {
     }
 
     /// The survey refines the camera, so the map is a projective image of the world frame. It is fitted to the positions
-    /// of the vehicles, which the run has in both. Without enough positions, it is a rotation, a scale and a shift.
+    /// of the vehicles, which the run has in both. Without enough positions, it is a rotation and a shift.
     fn world_from_utm(&self, place: &Fit, utm: &Vector2<f64>) -> Vector2<f64> {
         let foot = Vector2::from(place.camera_utm_m);
         let (sin, cos) = place.bearing_deg.to_radians().sin_cos();
         let similar = |utm: &Vector2<f64>| {
-            let away = (utm - foot) / place.scale;
+            let away = utm - foot;
             Vector2::new(away.x * cos - away.y * sin, away.x * sin + away.y * cos)
         };
         let near = similar(utm);

@@ -104,7 +104,9 @@ pub fn solve_free_scene(
     let mut solution = FreeSceneSolution {
         status: SceneStatus::TooFewCars,
         params: CameraParams::from_vector(&mean),
-        covariance: Matrix4::from_diagonal(&setup.knowledge.information.map(|i| 1.0 / i)),
+        covariance: Matrix4::from_diagonal(&Vector4::from_fn(|i, _| {
+            if setup.knowledge.fixed[i] { 0.0 } else { 1.0 / setup.knowledge.information[i] }
+        })),
         cars: vec![None; views.len()],
     };
     let grid = DirectionGrid::new();
