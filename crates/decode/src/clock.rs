@@ -121,6 +121,13 @@ mod tests {
     }
 
     #[test]
+    fn a_piece_counts_gaps_from_its_first_frame_on() {
+        let mut clock = Clock::new(25.0);
+        clock.begin_steady(240_000.0);
+        assert_eq!(clock.tick(240_160.0).skipped, 3);
+    }
+
+    #[test]
     fn a_change_of_rate_is_no_loss() {
         let mut clock = Clock::new(25.0);
         run(&mut clock, &(0..10).map(|i| i as f64 * 40.0).collect::<Vec<_>>());

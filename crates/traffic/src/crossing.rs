@@ -336,7 +336,9 @@ mod tests {
         let mut xs = drive(-9.5, -0.5);
         xs.extend([0.05, -0.04, 0.03, -0.05, 0.02]);
         xs.extend(drive(0.5, 9.5));
-        assert_eq!(crossings(&gate(), 0, &vehicle(&xs, 0.0, 0.2)).len(), 1);
+        let found = crossings(&gate(), 0, &vehicle(&xs, 0.0, 0.2));
+        assert_eq!(found.len(), 1);
+        assert!(found[0].probability(0.0, 0.0) > 0.999, "it certainly crossed: {found:?}");
         // A vehicle that turns back far beyond the line crosses twice.
         let mut xs = drive(-9.5, 5.5);
         xs.extend(drive(4.5, -9.5));

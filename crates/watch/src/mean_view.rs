@@ -64,6 +64,20 @@ mod tests {
     use roadplane_base::{ImageSize, Lens, PictureMotion};
 
     #[test]
+    fn a_picture_after_a_long_gap_counts_once() {
+        let size = ImageSize { width: 640, height: 360 };
+        let at = |x: f64| {
+            let shift = Homography::from_numbers([1.0, 0.0, x, 0.0, 1.0, 0.0, 0.0, 0.0]).unwrap();
+            View::new(Some(0), PictureMotion::new(shift, Lens::STRAIGHT, size), size)
+        };
+        let mut mean = MeanView::default();
+        mean.add(&at(0.0), 0.0);
+        mean.add(&at(0.0), 10.0);
+        mean.add(&at(1.0), 310.0);
+        assert!((mean.numbers[2] - 1.0).abs() < 1e-12, "{:?}", mean.numbers);
+    }
+
+    #[test]
     fn a_sway_has_its_middle_as_mean_position() {
         let size = ImageSize { width: 640, height: 360 };
         let mut mean = MeanView::default();

@@ -303,6 +303,12 @@ mod tests {
     use super::*;
     use serde_json::json;
 
+    #[test]
+    fn texts_of_csv_files_stay_as_they_are() {
+        let values = ["007", "7", "-2", "1.5", "True", "FALSE", "", "+3"].map(csv_value);
+        assert_eq!(json!(values), json!(["007", 7, -2, 1.5, true, false, null, "+3"]));
+    }
+
     fn rows() -> Vec<TableRow> {
         [
             json!({"time_s": 0.0, "track": 1, "x_m": 1.5, "seen": true, "box": [1.0, 2.0], "note": "a, \"b\""}),

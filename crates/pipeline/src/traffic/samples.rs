@@ -195,6 +195,17 @@ mod tests {
     }
 
     #[test]
+    fn samples_in_another_order_than_that_of_time_are_noticed() {
+        let is_unsorted = |times_s: [f64; 3]| {
+            let mut vehicles = Vehicles::default();
+            let samples = times_s.map(|time_s| TrackSample { time_s, track: 1, ..TrackSample::default() });
+            samples.iter().for_each(|sample| vehicles.add(sample, None, 0.0));
+            vehicles.is_unsorted
+        };
+        assert!(is_unsorted([0.0, 10.0, 2.0]) && !is_unsorted([0.0, 0.0, 0.1]));
+    }
+
+    #[test]
     fn an_hour_of_rest_has_two_states() {
         let mut vehicles = Vehicles::default();
         for frame in 0..36_000 {
