@@ -138,6 +138,28 @@ fn a_folder_that_cannot_be_written_is_named() {
 }
 
 #[test]
+fn a_run_that_lacks_space_continues_with_other_options() {
+    let temp = tempfile::tempdir().unwrap();
+    let out = temp.path().join("out");
+    let mut limited = Command::new("bash");
+    limited.args(["-c", "trap '' XFSZ; ulimit -f 150; exec \"$0\" \"$@\""]).arg(roadplane().get_program());
+    limited.current_dir(root()).env("ORT_DYLIB_PATH", root().join(".runtime/libonnxruntime.so"));
+    let run = |mut command: Command, options: &[&str]| {
+        let run = command.arg("run").arg(clip()).args(SHORT).args(options).arg("--out").arg(&out);
+        run.output().unwrap()
+    };
+    let output = run(limited, &["--background", "--frames"]);
+    assert_eq!(output.status.code(), Some(1), "{}", said(&output));
+    let left = names(&out.join(".lot.partial"));
+    assert!(left.contains(&"frames.jsonl".to_owned()) && !out.join("lot").exists(), "{left:?}");
+    let output = run(process(), &["--resume"]);
+    assert_eq!(output.status.code(), Some(0), "{}", said(&output));
+    let left = names(&out.join("lot"));
+    assert!(left.contains(&"tracks.csv".to_owned()), "{left:?}");
+    assert!(!left.iter().any(|name| name.starts_with("background.") || name == "frames.jsonl"), "{left:?}");
+}
+
+#[test]
 fn a_folder_that_vanishes_ends_the_run_with_its_name() {
     let temp = tempfile::tempdir().unwrap();
     let out = temp.path().join("out");

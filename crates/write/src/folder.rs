@@ -26,7 +26,6 @@ pub struct OutputFolder {
     target: PathBuf,
     aside: PathBuf,
     existing: Existing,
-    resumed: bool,
 }
 
 impl OutputFolder {
@@ -49,12 +48,8 @@ impl OutputFolder {
         if existing == Existing::Refuse && target.exists() {
             return Err(WriteError::Exists { path: target });
         }
-        let resumed = match fs::create_dir(&partial) {
-            Ok(()) => false,
-            Err(error) if error.kind() == io::ErrorKind::AlreadyExists => true,
-            Err(error) => return Err(WriteError::io("create the folder", &partial)(error)),
-        };
-        Ok(Self { dir: dir.to_path_buf(), partial, target, aside, existing, resumed })
+        fs::create_dir_all(&partial).map_err(WriteError::io("create the folder", &partial))?;
+        Ok(Self { dir: dir.to_path_buf(), partial, target, aside, existing })
     }
 
     /// Writes a result in one go. `write` gets the path of the empty partial folder. After an error, nothing remains.
@@ -69,10 +64,8 @@ impl OutputFolder {
         existing: Existing,
         write: impl FnOnce(&Path) -> Result<(), E>,
     ) -> Result<PathBuf, E> {
-        let mut folder = Self::begin(dir, stem, existing)?;
-        if folder.is_resumed() {
-            folder.reset()?;
-        }
+        let folder = Self::begin(dir, stem, existing)?;
+        folder.clear(&[])?;
         match write(folder.path()) {
             Ok(()) => Ok(folder.publish()?),
             Err(error) => {
@@ -88,20 +81,22 @@ impl OutputFolder {
         &self.partial
     }
 
-    /// Whether [`OutputFolder::begin`] found the partial folder of an earlier run.
-    #[must_use]
-    pub fn is_resumed(&self) -> bool {
-        self.resumed
-    }
-
-    /// Removes all files from the partial folder.
+    /// Removes everything from the partial folder but the files that are named in `kept`.
     ///
     /// # Errors
     /// [`WriteError::Io`].
-    pub fn reset(&mut self) -> Result<(), WriteError> {
-        fs::remove_dir_all(&self.partial).map_err(WriteError::io("empty the folder", &self.partial))?;
-        fs::create_dir(&self.partial).map_err(WriteError::io("create the folder", &self.partial))?;
-        self.resumed = false;
+    pub fn clear(&self, kept: &[&str]) -> Result<(), WriteError> {
+        let doing = |path: &Path| WriteError::io("empty the folder", path);
+        for entry in fs::read_dir(&self.partial).map_err(doing(&self.partial))? {
+            let entry = entry.map_err(doing(&self.partial))?;
+            let path = entry.path();
+            if kept.iter().any(|name| entry.file_name() == **name) {
+                continue;
+            }
+            let is_folder = entry.file_type().map_err(doing(&path))?.is_dir();
+            let removed = if is_folder { fs::remove_dir_all(&path) } else { fs::remove_file(&path) };
+            removed.map_err(doing(&path))?;
+        }
         Ok(())
     }
 
@@ -210,7 +205,7 @@ mod tests {
         assert_eq!(read(temp.path()), "old");
         drop(folder);
         let folder = begin(Existing::Overwrite).unwrap();
-        assert!(folder.is_resumed() && folder.path().join("summary.json").exists());
+        assert!(folder.path().join("summary.json").exists());
         folder.publish().unwrap();
         assert_eq!(read(temp.path()), "new");
         assert_eq!(fs::read_dir(temp.path()).unwrap().count(), 1);
@@ -232,11 +227,14 @@ mod tests {
         let temp = tempfile::tempdir().unwrap();
         fs::create_dir(temp.path().join(".clip.old")).unwrap();
         fs::write(temp.path().join(".clip.old/summary.json"), "old").unwrap();
-        let mut folder = OutputFolder::begin(temp.path(), "clip", Existing::Overwrite).unwrap();
+        let folder = OutputFolder::begin(temp.path(), "clip", Existing::Overwrite).unwrap();
         assert_eq!(read(temp.path()), "old");
         write(&folder, "new");
-        folder.reset().unwrap();
-        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+        fs::create_dir(folder.path().join("traffic")).unwrap();
+        fs::write(folder.path().join("frames.jsonl"), "{}").unwrap();
+        folder.clear(&["frames.jsonl"]).unwrap();
+        let left: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
+        assert_eq!(left, ["frames.jsonl"]);
     }
 
     #[test]

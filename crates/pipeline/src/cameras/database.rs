@@ -20,7 +20,7 @@ use roadplane_watch::{BackgroundPicture, EmptyScene};
 use roadplane_write::{EvidenceStore, InputSummary, WriteError, is_camera_id};
 
 use crate::cameras::joining::fuse_options;
-use crate::recorded::{Recorded, RecordedFrom, recorded};
+use crate::recorded::{Recorded, RecordedFrom};
 use crate::{CameraConstraints, Config, PipelineError, stem_of};
 
 /// File name of a clip's evidence in its result.
@@ -117,21 +117,22 @@ impl CameraDatabase {
     /// no camera.
     pub(crate) fn history_of(
         &self,
-        input: &Path,
-        identity: &InputSummary,
+        input: &InputSummary,
+        recorded: &Recorded,
         models: Vec<String>,
         scene: Option<&EmptyScene>,
     ) -> Result<Option<CameraHistory>, PipelineError> {
-        let Some(camera) = self.id.of(input) else { return Ok(None) };
-        let name = stem_of(input);
-        let Recorded { time: recorded, from } = recorded(input);
+        let path = Path::new(&input.path);
+        let Some(camera) = self.id.of(path) else { return Ok(None) };
+        let name = stem_of(path);
+        let Recorded { time: recorded, from } = recorded.clone();
         match from {
             RecordedFrom::File => tracing::warn!(
                 "{name} is dated {recorded}, when its file was last changed: neither its name nor its container has a time"
             ),
             from => tracing::info!("{name} was recorded on {recorded}, according to its {}", from.in_words()),
         }
-        let clip = ClipIdentity { recorded, sha256: identity.sha256.clone(), name };
+        let clip = ClipIdentity { recorded, sha256: input.sha256.clone(), name };
         let stored = self.stored.get(&camera).map(Vec::as_slice).unwrap_or_default();
         let evidence = stored.iter().filter(|e| e.clip.sha256 != clip.sha256).cloned().collect();
         let place = scene.map(|scene| packed(&BackgroundPicture::of(&scene.picture)?)).transpose()?;
@@ -294,8 +295,11 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let inputs = ["gate_20260131.mp4", "plain.mp4"].map(PathBuf::from);
         let database = CameraDatabase::open(folder.path(), "{}_*", &inputs).unwrap();
-        let history =
-            |input: &Path| database.history_of(input, &InputSummary::default(), Vec::new(), None).unwrap();
+        let history = |input: &Path| {
+            let input = InputSummary { path: input.display().to_string(), ..InputSummary::default() };
+            let recorded = Recorded { time: "2026-01-31T00:00:00".to_owned(), from: RecordedFrom::Name };
+            database.history_of(&input, &recorded, Vec::new(), None).unwrap()
+        };
         assert_eq!(history(&inputs[0]).unwrap().camera, "gate");
         assert!(history(&inputs[1]).is_none() && database.warning_of(&inputs[0]).is_none());
         assert!(database.warning_of(&inputs[1]).unwrap().contains("finds no camera in the name \"plain\""));

@@ -144,6 +144,10 @@ pub(crate) struct PieceFile {
     pub stamp: Stamp,
     /// The whole input, of which the piece is a part.
     pub input: InputSummary,
+    /// Time at which the input was recorded, such as `2026-01-31T22:00:00`. It is UTC, or as in the input's name.
+    pub recorded: String,
+    /// Origin of that time.
+    pub recorded_from: RecordedFrom,
     /// The nets that ran on the piece.
     pub models: Vec<ModelSummary>,
     /// Counts of the piece's frames that were read, lost or skipped.
@@ -253,6 +257,8 @@ fn write_piece(
         stem: stem.to_owned(),
         stamp,
         input: perceived.input,
+        recorded: perceived.recorded.time,
+        recorded_from: perceived.recorded.from,
         models: perceived.models,
         decode: perceived.decode,
         seconds: perceived.seconds,

@@ -13,6 +13,7 @@ use crate::output::finish::{Finish, finish};
 use crate::stream::perception::{Job, Perceived, Perception, SPOOL, STAMP, perceive};
 use crate::stream::speed::Meter;
 use crate::stream::streaming::open_input;
+use crate::error::Fault;
 use crate::{Cancel, Config, PipelineError, Progress};
 
 /// Processes one input and writes the result to `out/<stem>/`, where `<stem>` is the name of the result. The caller
@@ -20,7 +21,7 @@ use crate::{Cancel, Config, PipelineError, Progress};
 ///
 /// # Errors
 /// Returns a [`PipelineError`] if the result cannot be completed. `out/<stem>/` is then unchanged. After a request to
-/// stop, the unfinished work is kept elsewhere, and a run with `options.resume` continues it.
+/// stop or an internal fault, the unfinished work is kept elsewhere, and a run with `options.resume` continues it.
 pub fn run_input(
     input_path: &Path,
     out: &Path,
@@ -81,10 +82,10 @@ pub(crate) fn finished_before(
     }))
 }
 
-/// Deletes the folder of an unfinished result after an error. After a request to stop the folder stays, because a
-/// stopped run can be resumed.
+/// Deletes the folder of an unfinished result after an error from which no later run can continue. After a request to
+/// stop, or a fault of the machine such as a full disk, the folder stays for a run that resumes it.
 pub(crate) fn discarded(folder: OutputFolder, error: PipelineError) -> PipelineError {
-    if matches!(error, PipelineError::Stopped { .. }) {
+    if matches!(error.fault(), Fault::Stopped { .. } | Fault::Internal) {
         return error;
     }
     folder.discard().err().map_or(error, PipelineError::from)

@@ -37,10 +37,8 @@ pub fn track_file(
         config_sha256: config.fingerprint(),
         ..Summary::default()
     };
-    let mut folder = OutputFolder::begin(out, stem, existing)?;
-    if folder.is_resumed() {
-        folder.reset()?;
-    }
+    let folder = OutputFolder::begin(out, stem, existing)?;
+    folder.clear(&[])?;
     let mut rows = TrackRows::new(folder.path(), None, ShownRows::default());
     let poses = folder.path().join("poses.jsonl");
     let given = Given::new(constraints);

@@ -51,7 +51,8 @@ pub(crate) fn finish(work: Finish<'_>, job: &Job<'_>) -> Result<ClipSolution, Pi
         .cameras
         .as_ref()
         .map(|database| {
-            database.history_of(input, &perceived.input, perceived.fingerprints.clone(), background)
+            let Perceived { input, recorded, fingerprints, .. } = perceived;
+            database.history_of(input, recorded, fingerprints.clone(), background)
         })
         .transpose()?
         .flatten();

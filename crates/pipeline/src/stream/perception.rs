@@ -20,6 +20,7 @@ use serde::{Deserialize, Serialize};
 use crate::identity::file_identity;
 use crate::limits::check_memory;
 use crate::options::RunOptions;
+use crate::recorded::{Recorded, recorded};
 use crate::stream::backgrounds::Backgrounds;
 use crate::stream::cadence::{Cadence, interval_of};
 use crate::stream::flow::Work;
@@ -80,17 +81,17 @@ pub(crate) struct Job<'a> {
 }
 
 /// Creates the folder of the unfinished result `name` inside `out`. A resumed run opens the folder of the stopped run
-/// instead, if the stamps of both runs are equal.
+/// instead, if the stamps of both runs are equal. Only the records of its frames are kept, because the options of the
+/// two runs may ask for different files.
 pub(crate) fn open_partial_folder(
     out: &Path,
     name: &str,
     stamp: &Stamp,
     options: &RunOptions,
 ) -> Result<OutputFolder, PipelineError> {
-    let mut folder = OutputFolder::begin(out, name, options.existing)?;
-    if folder.is_resumed() && !(options.resume && read_stamp(folder.path()).as_ref() == Some(stamp)) {
-        folder.reset()?;
-    }
+    let folder = OutputFolder::begin(out, name, options.existing)?;
+    let continues = options.resume && read_stamp(folder.path()).as_ref() == Some(stamp);
+    folder.clear(if continues { &[SPOOL] } else { &[] })?;
     write_json(&folder.path().join(STAMP), stamp)?;
     Ok(folder)
 }
@@ -103,6 +104,8 @@ fn read_stamp(folder: &Path) -> Option<Stamp> {
 pub(crate) struct Perceived {
     /// Path, size and hash of the input.
     pub input: InputSummary,
+    /// Time at which the input was recorded.
+    pub recorded: Recorded,
     /// Names and versions of the nets that ran.
     pub models: Vec<ModelSummary>,
     /// One text per net: the hash of its weights, its execution provider and its calibration.
@@ -208,6 +211,7 @@ fn stream_input(
     let second =
         |t: &crate::stream::flow::StageTime| StageSeconds { stage: t.name.to_owned(), seconds: t.seconds };
     Ok(Perceived {
+        recorded: recorded(Path::new(&identity.path)),
         input: identity,
         models: nets.summaries(),
         fingerprints: nets.fingerprints(),
