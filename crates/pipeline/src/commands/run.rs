@@ -6,6 +6,7 @@ use std::time::Instant;
 use roadplane_activity::ActivityNet;
 use roadplane_write::{OutputFolder, read_summary};
 
+use crate::error::Fault;
 use crate::estimation::ClipSolution;
 use crate::identity::stem_of;
 use crate::options::{RunOptions, RunReport};
@@ -13,7 +14,6 @@ use crate::output::finish::{Finish, finish};
 use crate::stream::perception::{Job, Perceived, Perception, SPOOL, STAMP, perceive};
 use crate::stream::speed::Meter;
 use crate::stream::streaming::open_input;
-use crate::error::Fault;
 use crate::{Cancel, Config, PipelineError, Progress};
 
 /// Processes one input and writes the result to `out/<stem>/`, where `<stem>` is the name of the result. The caller
