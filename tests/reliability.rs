@@ -21,6 +21,14 @@ fn said(output: &Output) -> String {
     String::from_utf8_lossy(&output.stderr).into_owned()
 }
 
+/// Returns the program as a command that runs under the limits that the shell sets with `limits`.
+fn limited(limits: &str) -> Command {
+    let mut command = Command::new("bash");
+    command.arg("-c").arg(format!("{limits}; exec \"$0\" \"$@\"")).arg(roadplane().get_program());
+    command.current_dir(root()).env("ORT_DYLIB_PATH", root().join(".runtime/libonnxruntime.so"));
+    command
+}
+
 /// Returns the contents of those files of a result that must be the same in all runs. Files with the time of day or the
 /// speed of the run are left out.
 fn contents(result: &Path) -> Vec<(String, Vec<u8>)> {
@@ -37,17 +45,12 @@ fn contents(result: &Path) -> Vec<(String, Vec<u8>)> {
 fn any_limit_on_memory_gives_a_result_or_a_message() {
     let out = tempfile::tempdir().unwrap();
     for mib in [400, 500, 600, 700, 800, 900, 1000, 1100, 1200, 1300, 1400, 1600] {
-        let output = Command::new("bash")
-            .arg("-c")
-            .arg(format!("ulimit -v {}; exec \"$0\" \"$@\"", mib * 1024))
-            .arg(roadplane().get_program())
+        let output = limited(&format!("ulimit -v {}", mib * 1024))
             .args(["run", "--overwrite"])
             .arg(clip())
             .args(SHORT)
             .arg("--out")
             .arg(out.path())
-            .current_dir(root())
-            .env("ORT_DYLIB_PATH", root().join(".runtime/libonnxruntime.so"))
             .output()
             .unwrap();
         let text = said(&output);
@@ -141,14 +144,11 @@ fn a_folder_that_cannot_be_written_is_named() {
 fn a_run_that_lacks_space_continues_with_other_options() {
     let temp = tempfile::tempdir().unwrap();
     let out = temp.path().join("out");
-    let mut limited = Command::new("bash");
-    limited.args(["-c", "trap '' XFSZ; ulimit -f 150; exec \"$0\" \"$@\""]).arg(roadplane().get_program());
-    limited.current_dir(root()).env("ORT_DYLIB_PATH", root().join(".runtime/libonnxruntime.so"));
     let run = |mut command: Command, options: &[&str]| {
         let run = command.arg("run").arg(clip()).args(SHORT).args(options).arg("--out").arg(&out);
         run.output().unwrap()
     };
-    let output = run(limited, &["--background", "--frames"]);
+    let output = run(limited("trap '' XFSZ; ulimit -f 150"), &["--background", "--frames"]);
     assert_eq!(output.status.code(), Some(1), "{}", said(&output));
     let left = names(&out.join(".lot.partial"));
     assert!(left.contains(&"frames.jsonl".to_owned()) && !out.join("lot").exists(), "{left:?}");

@@ -11,11 +11,13 @@ use serde::{Deserialize, Serialize};
 use crate::stem_of;
 
 /// The time at which a clip was recorded.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
 pub struct Recorded {
-    /// Time, such as `2026-01-31T22:00:00`. It is UTC, or as in the name of the clip.
+    /// Time at which the input was recorded, such as `2026-01-31T22:00:00`. It is UTC, or as in the input's name.
+    #[serde(rename = "recorded")]
     pub time: String,
-    /// Origin of the time.
+    /// Origin of that time.
+    #[serde(rename = "recorded_from")]
     pub from: RecordedFrom,
 }
 

@@ -125,14 +125,14 @@ impl CameraDatabase {
         let path = Path::new(&input.path);
         let Some(camera) = self.id.of(path) else { return Ok(None) };
         let name = stem_of(path);
-        let Recorded { time: recorded, from } = recorded.clone();
+        let Recorded { time, from } = recorded;
         match from {
             RecordedFrom::File => tracing::warn!(
-                "{name} is dated {recorded}, when its file was last changed: neither its name nor its container has a time"
+                "{name} is dated {time}, when its file was last changed: neither its name nor its container has a time"
             ),
-            from => tracing::info!("{name} was recorded on {recorded}, according to its {}", from.in_words()),
+            from => tracing::info!("{name} was recorded on {time}, according to its {}", from.in_words()),
         }
-        let clip = ClipIdentity { recorded, sha256: input.sha256.clone(), name };
+        let clip = ClipIdentity { recorded: time.clone(), sha256: input.sha256.clone(), name };
         let stored = self.stored.get(&camera).map(Vec::as_slice).unwrap_or_default();
         let evidence = stored.iter().filter(|e| e.clip.sha256 != clip.sha256).cloned().collect();
         let place = scene.map(|scene| packed(&BackgroundPicture::of(&scene.picture)?)).transpose()?;

@@ -19,7 +19,6 @@ use roadplane_write::{FrameReader, OutFile, StageSeconds, WatchSummary, WriteErr
 use crate::commands::piece::{PieceFile, STILLS, read_piece};
 use crate::commands::run::{complete, finished_before};
 use crate::options::{RunOptions, RunReport};
-use crate::recorded::Recorded;
 use crate::stream::nets::open_activity;
 use crate::stream::perception::{Job, Perceived, SPOOL, Stamp, open_partial_folder};
 use crate::stream::stills::Stills;
@@ -155,7 +154,7 @@ fn perceived_of(
     });
     Ok(Perceived {
         input: first.input.clone(),
-        recorded: Recorded { time: first.recorded.clone(), from: first.recorded_from },
+        recorded: first.recorded.clone(),
         models: first.models.clone(),
         fingerprints: first.stamp.models.clone(),
         decode: decode_of(pieces.iter().map(|(_, piece)| &piece.decode), &last.decode),

@@ -22,7 +22,7 @@ use crate::commands::run::discarded;
 use crate::identity::stem_of;
 use crate::not_followed::NotFollowed;
 use crate::options::{RunOptions, RunReport};
-use crate::recorded::{Recorded, RecordedFrom, recorded};
+use crate::recorded::{Recorded, recorded};
 use crate::stream::perception::{Job, Perceived, Perception, STAMP, Stamp, perceive};
 use crate::stream::span::{STEP_S, Span};
 use crate::stream::speed::Meter;
@@ -57,10 +57,9 @@ pub struct PlannedPiece {
     /// Total number of pieces of the input.
     #[schemars(range(min = 1))]
     pub pieces: u64,
-    /// Time at which the input was recorded, such as `2026-01-31T22:00:00`. It is UTC, or as in the input's name.
-    pub recorded: String,
-    /// Origin of that time.
-    pub recorded_from: RecordedFrom,
+    /// Time at which the input was recorded, and its origin.
+    #[serde(flatten)]
+    pub recorded: Recorded,
 }
 
 /// Returns the name and the JSON schema of every kind of file. These are the files of a result, `piece` for
@@ -110,7 +109,7 @@ pub fn plan(input_path: &Path, piece_s: u64, config: &Config) -> Result<Vec<Plan
         }
     }
     let stem = stem_of(input_path);
-    let Recorded { time, from } = recorded(input_path);
+    let recorded = recorded(input_path);
     let piece = |(i, from_s): (usize, &u64)| {
         let piece = Span { from_s: *from_s, to_s: cuts.get(i + 1).copied() };
         PlannedPiece {
@@ -120,8 +119,7 @@ pub fn plan(input_path: &Path, piece_s: u64, config: &Config) -> Result<Vec<Plan
             piece,
             number: i as u64 + 1,
             pieces: cuts.len() as u64,
-            recorded: time.clone(),
-            recorded_from: from,
+            recorded: recorded.clone(),
         }
     };
     Ok(cuts.iter().enumerate().map(piece).collect())
@@ -144,10 +142,9 @@ pub(crate) struct PieceFile {
     pub stamp: Stamp,
     /// The whole input, of which the piece is a part.
     pub input: InputSummary,
-    /// Time at which the input was recorded, such as `2026-01-31T22:00:00`. It is UTC, or as in the input's name.
-    pub recorded: String,
-    /// Origin of that time.
-    pub recorded_from: RecordedFrom,
+    /// Time at which the input was recorded, and its origin.
+    #[serde(flatten)]
+    pub recorded: Recorded,
     /// The nets that ran on the piece.
     pub models: Vec<ModelSummary>,
     /// Counts of the piece's frames that were read, lost or skipped.
@@ -174,7 +171,8 @@ pub(crate) struct PieceFile {
 ///
 /// # Errors
 /// Returns a [`PipelineError`] if the piece cannot be completed. The folder of the piece is then unchanged. After a
-/// request to stop, the unfinished work is kept elsewhere, and a run with `options.resume` continues it.
+/// request to stop or an internal fault, the unfinished work is kept elsewhere, and a run with `options.resume`
+/// continues it.
 pub fn run_piece(
     input_path: &Path,
     piece: Span,
@@ -257,8 +255,7 @@ fn write_piece(
         stem: stem.to_owned(),
         stamp,
         input: perceived.input,
-        recorded: perceived.recorded.time,
-        recorded_from: perceived.recorded.from,
+        recorded: perceived.recorded,
         models: perceived.models,
         decode: perceived.decode,
         seconds: perceived.seconds,
